@@ -32,7 +32,7 @@ LIMIT_S = 900
 def sweep(folder: Path, *words: str) -> subprocess.Popen:
     """Begin a sweep into a folder; what it prints goes to a file beside it."""
     program = "import sys; from manoeuvre_nn.commands.start import run; run('train')"
-    command = [sys.executable, "-c", program, "-m", *SWEEP, *words, f"hydra.sweep.dir={folder}"]
+    command = [sys.executable, "-c", program, "-m", *SWEEP, *words, f"out={folder}"]
     return subprocess.Popen(command, stdout=folder.with_suffix(".txt").open("w"), stderr=subprocess.STDOUT)
 
 

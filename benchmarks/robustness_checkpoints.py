@@ -32,11 +32,11 @@ OTHERS = (0, 1.5, "\x1b[2J", 1e308, float("inf"), [[[]]], "${oc.env:HOME}", {"_t
 """What is put into a field beside :data:`.SPOILT`."""
 OPENED: dict[str, Callable[[str, Path], tuple[str, ...]]] = {
     "resume": lambda fit, run: (*legal(fit), f"trainer.resume={run / 'checkpoints' / 'last.ckpt'}", MORE),
-    "go on": lambda fit, run: (*legal(fit)[:-1], f"hydra.run.dir={run}", MORE),
+    "go on": lambda fit, run: (*legal(fit)[:-1], f"out={run}", MORE),
     "export": lambda fit, run: ("export", f"run={run / 'checkpoints' / 'last.ckpt'}", "format=python", "out=out/a.py"),
     "diagnose": lambda fit, run: (*legal("diagnose"), f"model={run / 'checkpoints' / 'last.ckpt'}"),
     "excite": lambda fit, run: (*legal("excite"), f"model={run / 'checkpoints' / 'last.ckpt'}"),
-    "coefficients": lambda fit, run: ("coefficients", f"run={run}", "hydra.run.dir=out"),
+    "coefficients": lambda fit, run: ("coefficients", f"run={run}", "out=out"),
 }  # fmt: skip
 """How a checkpoint is opened -> the command, of a fit and the folder of its run."""
 
@@ -59,7 +59,7 @@ def attack(number: int, seed: int, folder: Path) -> Outcome:
 def _trained(fit: str) -> Path:
     """The folder of a small run of a fit."""
     folder = inputs() / fit.replace(" ", "_")
-    words = [*legal(fit)[:-1], f"hydra.run.dir={folder}"]
+    words = [*legal(fit)[:-1], f"out={folder}"]
     ended = typed(words, inputs(), 300)
     if ended.code:
         raise RuntimeError(f"{words}: {ended.err}")

@@ -37,6 +37,7 @@ from robustness_hostile_words import (
 from robustness_runs import LEGAL, legal, typed
 
 from manoeuvre_nn.commands.groups import compose
+from manoeuvre_nn.commands.main import with_folder
 
 CPU_S, LIMIT_S = 60, 240.0
 """A command that computes for longer than the first, or waits for longer than the second, hangs [s]."""
@@ -108,7 +109,7 @@ def _settings() -> Iterator[_Attempt]:
             continue
         command, *words = legal(name)
         task = next((word.partition("=")[2] for word in words if word.startswith("task=")), None)
-        words = [word for word in words if not word.startswith(("task=", "hydra"))]
+        words = [word for word in with_folder(words, command) if not word.startswith(("task=", "hydra"))]
         cfg = compose(command if task is None else f"task/{task}", words)
         for key, value in _leaves(OmegaConf.to_container(cfg, resolve=False)):
             kind = float if type(value) is int else type(value)

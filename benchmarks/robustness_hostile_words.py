@@ -49,12 +49,12 @@ OPTIONS: dict[str, tuple[str, ...]] = {
 }
 """What is chosen of a group."""
 FILES = {
-    "train": ("effects={}", "trainer.resume={}", "config_dir={}", "hydra.run.dir={}", "score=[{}]"),
+    "train": ("effects={}", "trainer.resume={}", "config_dir={}", "out={}", "score=[{}]"),
     "train recordings": ("data.folder={}", "data.files=[{}]", "data.mapping={}", "score=[{}]"),
     "simulate": ("effects={}", "out={}", "config_dir={}"),
     "diagnose": ("recordings={}", "mapping={}", "model={}", "files=[{}]", "out={}", "held_out=[{}]"),
     "diagnose cases": ("cases={}", "model={}", "out={}"),
-    "check": ("data.folder={}", "data.mapping={}", "data.files=[{}]", "hydra.run.dir={}"),
+    "check": ("data.folder={}", "data.mapping={}", "data.files=[{}]", "out={}"),
     "import": ("out={}", "name={}", "config_dir={}", "{}"),
     "coefficients": ("run={}", "captive.file={}", "captive.mapping={}"),
     "excite": ("model={}", "effects={}"),
@@ -135,7 +135,7 @@ TOGETHER: dict[str, dict[str, tuple[str, ...]]] = {
     },
     "export": {REFUSED: ("format=exe", "document=perhaps", "run=null")},
     "sweep": {
-        REFUSED: ("ship=mariner,submarine", "hydra.sweep.dir=/dev/null"),
+        REFUSED: ("ship=mariner,submarine", "out=/dev/null"),
         EITHER: ("seed=", "network.hidden=2,banana", "hydra.sweep.subdir=../../x"),
     },
 }  # fmt: skip

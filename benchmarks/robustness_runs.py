@@ -48,25 +48,25 @@ EXCITE = ("network.members=3", "network.hidden=3", "fit.epochs=3", "data.length=
 EXCITE += ("candidates=[{zz20: {duration: 60}},{tc10: {duration: 60}}]", "score=[{zz10: {duration: 60}}]")
 EXCITE += ("effort={truths: 1, others: 2, samples: 50}",)
 LEGAL: dict[str, tuple[str, ...]] = {
-    "train": ("train", *LM, "hydra.run.dir=out"),
-    "train ensemble": ("train", *ENSEMBLE, "hydra.run.dir=out"),
-    "train backprop": ("train", *LM, "fit=backprop", "fit.iterations_per_epoch=9", "hydra.run.dir=out"),
-    "train series": ("train", *SERIES, "hydra.run.dir=out"),
-    "train recursive": ("train", *RECURSIVE, "hydra.run.dir=out"),
-    "train pitch": ("train", *PITCH, "network.hidden=3", "trainer.max_epochs=2", "hydra.run.dir=out"),
-    "train rbf": ("train", *PITCH, "network=rbf", "network.hidden=9", "hydra.run.dir=out"),
-    "train grnn": ("train", *PITCH, "network=grnn", "trainer.max_epochs=2", "hydra.run.dir=out"),
+    "train": ("train", *LM, "out=out"),
+    "train ensemble": ("train", *ENSEMBLE, "out=out"),
+    "train backprop": ("train", *LM, "fit=backprop", "fit.iterations_per_epoch=9", "out=out"),
+    "train series": ("train", *SERIES, "out=out"),
+    "train recursive": ("train", *RECURSIVE, "out=out"),
+    "train pitch": ("train", *PITCH, "network.hidden=3", "trainer.max_epochs=2", "out=out"),
+    "train rbf": ("train", *PITCH, "network=rbf", "network.hidden=9", "out=out"),
+    "train grnn": ("train", *PITCH, "network=grnn", "trainer.max_epochs=2", "out=out"),
     "train recordings": ("train", *LM[:5], *SHORT[2:], "data=recording", "data.folder={inputs}/runs",
-                         "data.files=[zz20.csv]", "ship=mariner_corrected", "hydra.run.dir=out"),
-    "sweep": ("train", "-m", *LM, "seed=1,2", "hydra/launcher=basic", "hydra.sweep.dir=out"),
+                         "data.files=[zz20.csv]", "ship=mariner_corrected", "out=out"),
+    "sweep": ("train", "-m", *LM, "seed=1,2", "hydra/launcher=basic", "out=out"),
     "simulate": ("simulate", "manoeuvre.zz20.duration=60", "out=out"),
     "diagnose": ("diagnose", "ship=mariner_corrected", "recordings={inputs}/runs", "candidates=[heading_bias]",
                  "workers=1", "out=out"),
     "diagnose cases": ("diagnose", "cases={inputs}/cases", "candidates=[heading_bias]", "workers=1", "out=out"),
-    "check": ("check", "ship=mariner_corrected", "data.folder={inputs}/runs", "hydra.run.dir=out"),
+    "check": ("check", "ship=mariner_corrected", "data.folder={inputs}/runs", "out=out"),
     "import": ("import", "{inputs}/runs/zz20.csv", "out=out/map.yaml", "overwrite=true"),
-    "coefficients": ("coefficients", "run={inputs}/series", "hydra.run.dir=out"),
-    "excite": ("excite", *EXCITE, "hydra.run.dir=out"),
+    "coefficients": ("coefficients", "run={inputs}/series", "out=out"),
+    "excite": ("excite", *EXCITE, "out=out"),
     "export": ("export", "run={inputs}/trained", "format=all", "out=out"),
     "trial": ("scripts/concealed_trial.py", *TRIAL, "out=out"),
     "reproduce": ("scripts/reproduce.py", "paper=wang1996", "chapters=3", "quick=true", "workers=1", "out=out"),
@@ -85,8 +85,8 @@ def inputs() -> Path:
     noise = "noise={u: 0.05, v: 0.05, x: 1.0, y: 1.0, r_deg_s: 0.02, psi_deg: 0.1}"
     for words in (
         ("simulate", "ship=mariner_corrected", *sailed, noise, f"out={folder}/runs"),
-        (*LEGAL["train"][:-1], f"hydra.run.dir={folder}/trained"),
-        (*LEGAL["train series"][:-1], f"hydra.run.dir={folder}/series"),
+        (*LEGAL["train"][:-1], f"out={folder}/trained"),
+        (*LEGAL["train series"][:-1], f"out={folder}/series"),
     ):
         ended = typed(words, folder, 300)
         if ended.code:

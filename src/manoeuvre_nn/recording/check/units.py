@@ -30,6 +30,9 @@ SPEED_RATIOS = {
 """Speed over ground over ``hypot(u, v)`` -> what was mistaken, the right unit, of which channels."""
 LOGS = {1 / KNOT: "u_log looks like knots", 3.6: "u_log looks like km/h"}
 """Logged speed over speed over ground -> what was mistaken."""
+FASTEST, FASTEST_BY_LOG = 1.6, 2.0
+"""Speed over ground over the approach speed beyond which a unit or the ship is wrong: by what is measured over ground,
+and where a log agrees. A gale from astern drives a slow ship at more than 1.6 times it; in feet all would be 3.3 times."""
 STUCK, AROUND = 0.5 * DEGREE, 45 * DEGREE
 """A rudder that moves less, in a run that turns through more, was not recorded."""
 
@@ -131,7 +134,9 @@ def speed_size(recording: Recording, ship: Particulars) -> Finding | None:
     approach = f"{usual:.4g} m/s; the {ship.name} approaches at {ship.speed:.4g} m/s"
     choose = "or choose the right ship (model scale, full scale)"
     given = "mind the units of x, y and time" if "u" in recording.derived else "mind the unit of u and v"
-    if usual > 1.6 * ship.speed:
+    log = recording.channels.get("u_log")
+    by_log = log is not None and np.nanquantile(log, 0.9) > 0.75 * usual
+    if usual > (FASTEST_BY_LOG if by_log else FASTEST) * ship.speed:
         looks = given if "u" in recording.derived else "u and v look like knots or km/h: write their unit"
         return refused("speed", f"the speed reaches {approach}", f"{looks}, {choose}")
     if usual < 0.05 * ship.speed:
