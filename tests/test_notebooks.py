@@ -19,8 +19,6 @@ COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 NOTEBOOKS = sorted((ROOT / "notebooks").glob("*.ipynb"))
 nbformat = pytest.importorskip("nbformat", reason='notebooks need the extra: pip install -e ".[test]"')
 
-WITHOUT_OUTPUTS = {"hess2000_wind"}
-"""Notebooks that take half an hour: their text says what came out."""
 MAX_BYTES = 300_000
 
 
@@ -69,9 +67,6 @@ def test_a_notebook_is_small_defines_nothing_and_shows_what_came_out_when_it_ran
     assert not any(re.search(r"^\s*(def|class) ", cell.source, re.MULTILINE) for cell in code), "notebooks call"
     assert path.stat().st_size < MAX_BYTES
     counts = [cell.execution_count for cell in code]
-    if path.stem in WITHOUT_OUTPUTS:
-        assert set(counts) == {None} and not any(cell.outputs for cell in code)
-        return
     assert counts == list(range(1, len(code) + 1))
     outputs = [output for cell in code for output in cell.outputs]
     assert not any(output.output_type == "error" for output in outputs)

@@ -32,7 +32,7 @@ LOGS = {1 / KNOT: "u_log looks like knots", 3.6: "u_log looks like km/h"}
 """Logged speed over speed over ground -> what was mistaken."""
 FASTEST, FASTEST_BY_LOG = 1.6, 2.0
 """Speed over ground over the approach speed beyond which a unit or the ship is wrong: by what is measured over ground,
-and where a log agrees. A gale from astern drives a slow ship at more than 1.6 times it; in feet all would be 3.3 times."""
+and where a log agrees. A gale from astern drives a slow ship at more than 1.6 times it; feet are 3.3 times."""
 STUCK, AROUND = 0.5 * DEGREE, 45 * DEGREE
 """A rudder that moves less, in a run that turns through more, was not recorded."""
 
