@@ -164,3 +164,19 @@ def test_a_trial_that_is_over_does_not_sail_on_to_the_longest_end_of_its_batch(m
     weave, circle = roll_out(CalmWater(ship_named("mariner")), trials, step=1.0)
     assert weave.time[-1] == 20.0 and circle.time[-1] < 60.0
     assert len(passes) < 100
+
+
+def test_a_row_that_has_ended_is_stepped_on_by_usual_steps_and_its_numbers_stay_those_of_a_ship():
+    seen = []
+
+    class Watched(CalmWater):
+        def forward(self, state, inputs):
+            seen.append(state)
+            return super().forward(state, inputs)
+
+    short, long = roll_out(Watched(ship_named("mariner")), [zigzag(20.0, duration=60.0), turning_circle(25.0)])
+    assert short.time[-1] == 60.0 and long.time[-1] > 300.0
+    largest = torch.stack([s[:, :3].abs().amax(0) for s in seen if len(s) == 2]).amax(0)
+    assert (largest < torch.tensor([10.0, 3.0, 0.05])).all()
+    alone = roll_out(CalmWater(ship_named("mariner")), [zigzag(20.0, duration=60.0)])[0]
+    assert short["psi"] == approx(alone["psi"], abs=1e-12)

@@ -142,7 +142,9 @@ def _pass(vessel: Vessel, b: _Batch, ends: Float[Tensor, " steps"]) -> _Batch:
     """Every row goes on to the end of its step or to what happens before; rows that look for a crossing stay."""
     last = len(ends) - 1
     due = ends.index_select(0, (b.steps + 1).clamp(max=last))
-    smooth = torch.minimum(due - b.time, b.helm.smooth_time(b.time).clamp(min=0.0))
+    # A row that has ended is stepped on with the others, for nothing: by a usual step its numbers stay those of a ship.
+    left = torch.minimum(due - b.time, ends[1])
+    smooth = torch.minimum(left, b.helm.smooth_time(b.time).clamp(min=0.0))
     tau = torch.fmin(smooth, b.attempt)
     state, shown, blade = _step(vessel, b, tau)
     time, tries, attempt = b.time + tau, b.tries, b.attempt
