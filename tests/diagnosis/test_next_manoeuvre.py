@@ -313,5 +313,18 @@ def test_a_repeat_with_another_channel_can_be_read_and_nothing_else_is_advised()
     assert planned("Nothing more is needed for these manoeuvres; another speed would test the model further.") is None
 
 
+def test_of_two_runs_that_a_sentence_names_the_first_is_meant():
+    zigzag = "a 10/10 zigzag, first to port, begun on heading 270 (factor 31; these recordings: 2.0)"
+    circle = "tc25 again with the speed and course over ground (18)"
+    assert planned(f"To tell a from b: {zigzag}; or {circle}.") == {
+        "manoeuvre": "zz10", "first_turn": "port", "heading_deg": 270.0, "speed_share": 1.0,
+    }  # fmt: skip
+    assert planned(f"To tell a from b: {circle}; or {zigzag}.")["repeat"] == "tc25"
+    later = "a 35 deg turning circle to port begun on heading 090 at half speed (3)"
+    assert planned(f"{zigzag.replace(' begun on heading 270', '')}; or {later}") == {
+        "manoeuvre": "zz10", "first_turn": "port", "speed_share": 1.0,
+    }  # fmt: skip
+
+
 def test_every_manoeuvre_that_is_tried_can_be_read_back():
     assert all(planned(words) is not None for words in _manoeuvres(np.pi))

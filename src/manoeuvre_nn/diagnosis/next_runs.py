@@ -64,7 +64,7 @@ class Plan:
 
 
 def planned(text: str) -> dict[str, str | float] | None:
-    """The run that a sentence advises, for machines: the inverse of :attr:`Plan.text`.
+    """The run that a sentence advises first, for machines: the inverse of :attr:`Plan.text`.
 
     Args:
         text: A sentence that holds it.
@@ -73,19 +73,20 @@ def planned(text: str) -> dict[str, str | float] | None:
         ``manoeuvre`` (zz20, tc35, po20, straight), ``first_turn``, ``heading_deg`` where it matters, ``speed_share``;
         or ``repeat``, the name of a recorded run, and ``channel``, what to write down too. None if no run is advised.
     """
-    again = re.search(r"(\S+) again with the ([a-z ]+?)(?: \(|$)", text)
-    if again:
-        return {"repeat": again[1], "channel": again[2]}
-    shapes = {"zz": r"a (\d+)/\d+ zigzag, first to (\w+)", "tc": r"a (\d+) deg turning circle to (\w+)"}
+    shapes = {"again": r"(\S+) again with the ([a-z ]+?)(?: \(|$)"}
+    shapes |= {"zz": r"a (\d+)/\d+ zigzag, first to (\w+)", "tc": r"a (\d+) deg turning circle to (\w+)"}
     shapes |= {"po": r"a pull-out after a (\d+) deg turn()", "straight": r"a straight run()()"}
-    for kind, shape in shapes.items():
-        found = re.search(shape, text)
-        if found:
-            run: dict[str, str | float] = {"manoeuvre": kind + found[1], "first_turn": found[2] or "starboard"}
-            heading = re.search(r"begun on heading (\d+)", text)
-            run |= {} if heading is None else {"heading_deg": float(heading[1])}
-            return run | {"speed_share": HALF if "at half speed" in text else 1.0}
-    return None
+    every = [(m, kind) for kind, shape in shapes.items() if (m := re.search(shape, text)) is not None]
+    if not every:
+        return None
+    found, kind = min(every, key=lambda one: one[0].start())
+    if kind == "again":
+        return {"repeat": found[1], "channel": found[2]}
+    run: dict[str, str | float] = {"manoeuvre": kind + found[1], "first_turn": found[2] or "starboard"}
+    said = text[found.start() :].partition("; or ")[0]  # of this run, not of the next best
+    heading = re.search(r"begun on heading (\d+)", said)
+    run |= {} if heading is None else {"heading_deg": float(heading[1])}
+    return run | {"speed_share": HALF if "at half speed" in said else 1.0}
 
 
 def same_runs(data_set: WhitenedDataSet) -> Iterator[Plan]:
