@@ -3,6 +3,7 @@
 import json
 import runpy
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from manoeuvre_nn.commands.config import named_manoeuvres, training_manoeuvres
 from manoeuvre_nn.commands.excite import excite, question_of
 from manoeuvre_nn.commands.groups import compose
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.report.design_tables import sentence
 
 ROOT = Path(__file__).parents[2]
 TINY = (
@@ -138,6 +140,17 @@ def test_the_script_lists_its_settings(monkeypatch, capsys):
         runpy.run_path(str(ROOT / "scripts" / "excite.py"), run_name="__main__")
     assert not end.value.code and "which manoeuvre to sail next" in capsys.readouterr().out
     assert guard.failed_jobs == []
+
+
+def test_a_candidate_of_ones_own_is_told_as_it_is_typed(asked):
+    question = question_of(config("candidates=[zz20,{spiral: {rudder_deg: 15}},{zigzag: {heading_deg: 8}}]"))
+    typed = {"spiral15": "manoeuvre=[{spiral: {rudder_deg: 15}}]", "zz20_8": "manoeuvre=[{zigzag: {heading_deg: 8}}]"}
+    assert question.typed == typed
+    for name, word in typed.items():
+        (made,) = training_manoeuvres(compose("simulate", [word]).manoeuvre)
+        assert made.name == name
+    best = asked[0].best.manoeuvre
+    assert f"Sail next: {best} ('manoeuvre=[x]', " in sentence(replace(asked[0], typed={best: "manoeuvre=[x]"}))
 
 
 def test_what_is_advised_can_be_typed_back_as_it_stands():

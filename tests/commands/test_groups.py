@@ -9,7 +9,7 @@ from hydra.core.hydra_config import HydraConfig
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from manoeuvre_nn.api import read
-from manoeuvre_nn.commands.groups import CONF, brought_along, compose, job_name, option
+from manoeuvre_nn.commands.groups import CONF, brought_along, compose, job_name, option, with_settings
 from manoeuvre_nn.commands.main import with_job_names
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.errors import InputError
@@ -45,6 +45,23 @@ def test_a_config_from_python_does_not_take_the_name_of_a_command_that_ran_befor
         before = hydra.compose("train", ["ship=mariner"], return_hydra_config=True)
     monkeypatch.setattr(HydraConfig.instance(), "cfg", before)
     assert compose("train", ["ship=esso_190k"]).name.startswith("esso_190k_")
+
+
+def test_options_of_which_several_hold_are_typed_with_their_settings():
+    words = ["ship=mariner", "manoeuvre=[zz20,{spiral: {rudder_deg: 15, first: port, hold: null}}]"]
+    settings = ["manoeuvre.spiral.rudder_deg=15", "manoeuvre.spiral.first='port'", "manoeuvre.spiral.hold=null"]
+    assert with_settings(words) == ["ship=mariner", "manoeuvre=[zz20,spiral]", *settings]
+    cfg = compose("simulate", ["effect={current: {speed: 0.5}}", words[1].replace(", hold: null", "")])
+    assert cfg.effect.current.speed == 0.5
+    assert (cfg.manoeuvre.spiral.first, cfg.manoeuvre.spiral.hold, cfg.manoeuvre.zz20.rudder_deg) == ("port", 60, 20)
+
+
+@pytest.mark.parametrize(
+    "value", ["[{spiral: 3}]", "[{a: {}, b: {}}]", "[zz20,{zz20: {}}]", "{", "[3,{a: {}}]", "[{{a: 1}}]"]
+)
+def test_what_is_neither_a_name_nor_one_with_settings_is_refused(value):
+    with pytest.raises(InputError, match=r"expected names, each once, or \{name: \{setting: value\}\}"):
+        with_settings([f"manoeuvre={value}"])
 
 
 @pytest.mark.parametrize("text", ["|", "[1, 2]", "ship: 5", "5", "null"])

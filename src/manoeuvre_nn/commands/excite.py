@@ -1,7 +1,7 @@
 """The job of ``manoeuvre excite``: an ensemble of what is recorded, and what each further manoeuvre would tell it."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -56,6 +56,7 @@ class _Question:
         left_out: Candidates that the ship cannot sail, and why.
         effort: How much is computed.
         per_minute: Whether the gain for every minute counts.
+        typed: Name of a candidate that is no option's -> how it is typed for other commands.
     """
 
     goal: str
@@ -67,6 +68,7 @@ class _Question:
     left_out: Sequence[str]
     effort: DesignEffort
     per_minute: bool
+    typed: Mapping[str, str]
 
 
 def excite(cfg: DictConfig, out: Path, console: Console | None = None) -> ManoeuvreAdvice | None:
@@ -132,7 +134,18 @@ def question_of(cfg: DictConfig) -> _Question:
         refused,
         DesignEffort(**{"seed": cfg.seed, **cfg.effort}),
         cfg.per_minute,
+        _typed(cfg, speed),
     )
+
+
+def _typed(cfg: DictConfig, speed: float | None) -> dict[str, str]:
+    """How candidates are typed for other commands whose names are not those of options."""
+    own, found = cfg.get("config_dir"), dict[str, str]()
+    for entry in configs.as_list(cfg.candidates):
+        typed = json.dumps(entry).replace('"', "") if isinstance(entry, Mapping) else str(entry)
+        made = configs.named_manoeuvres([entry], speed, own)
+        found |= {m.name: f"manoeuvre=[{typed}]" for m in made if m.name != typed}
+    return found
 
 
 def _of_model(cfg: DictConfig) -> DictConfig:
@@ -185,6 +198,7 @@ def _advice(q: _Question, model: IdentifiedShip, say: Any) -> ManoeuvreAdvice:
         coefficients=coefficients,
         left_out=q.left_out,
         per_minute=q.per_minute,
+        typed=q.typed,
     )
 
 

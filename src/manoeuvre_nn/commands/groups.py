@@ -2,6 +2,7 @@
 
 import fnmatch
 import importlib
+import json
 import os
 import re
 import sys
@@ -11,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import hydra
+import yaml
 from hydra.core.global_hydra import GlobalHydra
 from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
@@ -39,6 +41,8 @@ _composing = threading.Lock()
 """Hydra knows one config at a time."""
 OF_SEVERAL = ("manoeuvre", "effect")
 """Groups of which several options hold at once, each under its name."""
+EXAMPLE = "manoeuvre=[zz20,{spiral: {rudder_deg: 15}}]"
+"""How an option is chosen with its settings."""
 FOLLOWING = ("linear", "network", "fit")
 """Groups that a ship, a network or recordings may choose too; what the user writes always holds."""
 
@@ -86,7 +90,7 @@ def compose(name: str, words: Sequence[str] = ()) -> DictConfig:
     Returns:
         The config; hydra's own part is left out.
     """
-    words, folder = own_folder(list(words))
+    words, folder = own_folder(with_settings(words))
     if folder is not None:
         words.append(f"hydra.searchpath=[{quoted('file://' + str(folder))}]")
     with _composing:
@@ -96,6 +100,50 @@ def compose(name: str, words: Sequence[str] = ()) -> DictConfig:
             cfg = hydra.compose(name, words)
     accept(cfg)
     return cfg
+
+
+def with_settings(words: Sequence[str]) -> list[str]:
+    """Say ``manoeuvre=[zz20,{spiral: {rudder_deg: 15}}]`` as hydra does: the options, and their settings beside them.
+
+    Args:
+        words: The words.
+
+    Returns:
+        The words with such ones taken apart.
+
+    Raises:
+        InputError: If an entry is neither a name nor a name with settings, or a name stands twice.
+    """
+    made = []
+    for word in words:
+        group, _, value = word.partition("=")
+        if group not in OF_SEVERAL or "{" not in value:
+            made.append(word)
+            continue
+        try:
+            given = yaml.safe_load(value)
+        except yaml.YAMLError:
+            given = None
+        chosen: dict[str, Mapping[str, Any]] = {}
+        for entry in given if isinstance(given, list) else [given]:
+            named = dict([(entry, {})]) if isinstance(entry, str) else entry
+            named = named if isinstance(named, dict) and len(named) == 1 else {"": None}
+            ((name, settings),) = named.items()
+            if not isinstance(settings, Mapping) or name in chosen:
+                raise InputError(
+                    f"{word}: expected names, each once, or {{name: {{setting: value}}}}, such as {EXAMPLE}"
+                )
+            chosen[str(name)] = settings
+        made.append(f"{group}=[{','.join(chosen)}]")
+        made += [
+            f"{group}.{name}.{key}={_typed(v)}" for name, settings in chosen.items() for key, v in settings.items()
+        ]
+    return made
+
+
+def _typed(value: Any) -> str:
+    """A value as it is typed for hydra."""
+    return quoted(value) if isinstance(value, str) else json.dumps(value)
 
 
 def own_folder(words: Sequence[str]) -> tuple[list[str], Path | None]:

@@ -17,7 +17,7 @@ from omegaconf import DictConfig
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.commands import guard
-from manoeuvre_nn.commands.groups import CONF, GROUPS, accept, options, own_folder, quoted
+from manoeuvre_nn.commands.groups import CONF, GROUPS, accept, options, own_folder, quoted, with_settings
 from manoeuvre_nn.commands.logs import logged
 from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError, check_choice
@@ -107,7 +107,7 @@ def run(command: str, words: list[str] | None = None) -> None:
             _of_files(OF_FILES[command], words)
         return
     with guard.one_line():
-        words, folder = own_folder(words)
+        words, folder = own_folder(with_settings(words))
         _check_options(words)
         _check_choices(words, None if folder is None else str(folder))
         words, config = task_of(words, command, folder)

@@ -27,6 +27,7 @@ class ManoeuvreAdvice:
         coefficients: What the coefficients are.
         left_out: Candidates that were not tried, and why.
         per_minute: Whether candidates are ranked by the gain for every minute.
+        typed: Name of a candidate that is no option's -> how it is typed for other commands.
     """
 
     ship: str
@@ -38,6 +39,7 @@ class ManoeuvreAdvice:
     coefficients: str = ""
     left_out: Sequence[str] = field(default_factory=tuple)
     per_minute: bool = False
+    typed: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def best(self) -> ExpectedGain:
@@ -48,7 +50,8 @@ class ManoeuvreAdvice:
 def sentence(a: ManoeuvreAdvice) -> str:
     """What to sail next and why, in one sentence."""
     best = a.best
-    begin = f"Sail next: {best.manoeuvre} ({best.seconds / 60:.0f} min)"
+    typed = f"'{a.typed[best.manoeuvre]}', " if best.manoeuvre in a.typed else ""
+    begin = f"Sail next: {best.manoeuvre} ({typed}{best.seconds / 60:.0f} min)"
     if best.status != OK:
         begin += f", with care ({best.status})"
     if a.goal == "coefficients":

@@ -30,7 +30,7 @@ SPEED_RATIOS = {
 """Speed over ground over ``hypot(u, v)`` -> what was mistaken, the right unit, of which channels."""
 LOGS = {1 / KNOT: "u_log looks like knots", 3.6: "u_log looks like km/h"}
 """Logged speed over speed over ground -> what was mistaken."""
-FASTEST, FASTEST_BY_LOG = 1.6, 2.0
+MAX_RATIO, MAX_RATIO_BY_LOG = 1.6, 2.0
 """Speed over ground over the approach speed beyond which a unit or the ship is wrong: by what is measured over ground,
 and where a log agrees. A gale from astern drives a slow ship at more than 1.6 times it; feet are 3.3 times."""
 STUCK, AROUND = 0.5 * DEGREE, 45 * DEGREE
@@ -136,7 +136,7 @@ def speed_size(recording: Recording, ship: Particulars) -> Finding | None:
     given = "mind the units of x, y and time" if "u" in recording.derived else "mind the unit of u and v"
     log = recording.channels.get("u_log")
     by_log = log is not None and np.nanquantile(log, 0.9) > 0.75 * usual
-    if usual > (FASTEST_BY_LOG if by_log else FASTEST) * ship.speed:
+    if usual > (MAX_RATIO_BY_LOG if by_log else MAX_RATIO) * ship.speed:
         looks = given if "u" in recording.derived else "u and v look like knots or km/h: write their unit"
         return refused("speed", f"the speed reaches {approach}", f"{looks}, {choose}")
     if usual < 0.05 * ship.speed:
