@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 from hydra import compose, initialize_config_dir
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import ConfigCompositionException, InstantiationException
 from hydra.utils import instantiate
 from omegaconf import OmegaConf
@@ -10,7 +11,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.commands import guard
-from manoeuvre_nn.commands.guard import explain, guarded, one_line
+from manoeuvre_nn.commands.guard import as_word, explain, guarded, of_home, one_line
 from manoeuvre_nn.core.data_files import CONF
 from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError
@@ -46,6 +47,13 @@ def raised(act) -> BaseException:
         (["data.folder=x"], "there is no setting data.folder; it is there once data=recording is written; manoeuvre"),
         (["nosuch=3"], "there is no setting nosuch; manoeuvre train --cfg job lists them all"),
         (["zz35"], "Error parsing override 'zz35'"),
+        (
+            ["out=d/ü"],
+            "Error parsing override 'out=d/ü': a name with other than plain letters is quoted twice: write "
+            "'out=\"d/ü\"'",
+        ),
+        (["data.files=[a b,ü]"], "Error parsing override 'data.files=[a b,ü]': write each name in it within double"),
+        (["seed=1,2"], "seed=1,2: several values: write 'seed=[1,2]' for a list, 'seed=\"1,2\"' for one name, or -m"),
     ],
 )
 def test_hydras_complaints_become_one_line(words, told, composed):
@@ -191,3 +199,21 @@ def test_an_option_of_an_extra_that_is_not_installed_says_how_to_get_it():
         "In 'task/pitch': Could not find 'hydra/sweeper/optuna'\n\nAvailable options:\n\tbasic\n"
     )
     assert explain(missing) == "hydra/sweeper=optuna is not installed: pip install 'manoeuvre-nn[search]'"
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["plain/a-b_1.csv", "ü", "runs (1)", "[1]", "a,b", "it's", 'q"q', "x=y", "#h", "back\\s", "end\\", '\\"', " trail ",
+     "1e5", "2020", "null", "True", "nan", "a:b", "100%", "a*b", "~", ""],
+)  # fmt: skip
+def test_whatever_a_name_holds_is_written_so_that_hydra_reads_it_again(name):
+    parser = OverridesParser.create()
+    assert parser.parse_override(f"data.folder={as_word(name)}").value() == name
+    assert parser.parse_override(f"data.files=[{as_word(name)}]").value() == [name]
+    assert as_word("plain/a-b_1.csv") == "plain/a-b_1.csv"
+
+
+def test_the_users_folder_is_put_in_place_of_its_sign(monkeypatch):
+    monkeypatch.setenv("HOME", "/home/ü")
+    assert of_home("out=~/run", hydras=True) == 'out="/home/ü/run"' and of_home("out=~", hydras=False) == "out=/home/ü"
+    assert [of_home(word, hydras=True) for word in ("out=a/~/b", "~effect", "-m")] == ["out=a/~/b", "~effect", "-m"]

@@ -1,6 +1,7 @@
 """manoeuvre import as it is typed."""
 
 import io
+import os
 import shlex
 import subprocess
 import sys
@@ -15,6 +16,7 @@ from manoeuvre_nn.commands.config import read_mapping
 from manoeuvre_nn.commands.import_recording import import_recording, request, ship_called
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.terminal import Terminal
 from manoeuvre_nn.core.units import DEGREE
 
 ROOT = Path(__file__).parents[2]
@@ -141,3 +143,11 @@ def test_the_file_itself_is_never_overwritten(tmp_path):
     path.write_text("t,u\n0,1\n")
     with pytest.raises(InputError, match="is the file to be imported and would be lost"):
         request([str(path), f"out={path}", "overwrite=true"])
+
+
+def test_the_mapping_is_written_also_where_nobody_reads_what_is_printed(recorded, tmp_path):
+    reads, writes = os.pipe()
+    os.close(reads)
+    with open(writes, "w") as pipe, pytest.raises(SystemExit) as end:
+        import_recording(request([str(recorded), f"out={tmp_path / 'my.yaml'}"]), Terminal(file=pipe, quiet=False))
+    assert end.value.code == 141 and read_mapping(str(tmp_path / "my.yaml"))

@@ -18,6 +18,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from manoeuvre_nn.commands import guard
+from manoeuvre_nn.commands.guard import quoted
 from manoeuvre_nn.commands.settings import check_settings
 from manoeuvre_nn.core.data_files import CONF, load_yaml
 from manoeuvre_nn.core.errors import InputError, check_choice
@@ -184,11 +185,6 @@ def own_folder(words: Sequence[str]) -> tuple[list[str], Path | None]:
             for name in fnmatch.filter(names, "*.yaml"):
                 _check_own_file(Path(place, name), folder)
     return [*kept, f"config_dir={quoted(str(folder))}"], folder
-
-
-def quoted(text: str) -> str:
-    """A word as hydra's grammar takes it, whatever is in it."""
-    return "'" + text.replace("\\", "\\\\").replace("'", "\\'") + "'"
 
 
 def _check_own_file(path: Path, folder: Path) -> None:

@@ -2,6 +2,7 @@
 
 import os
 import re
+import shlex
 import sys
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
@@ -43,8 +44,16 @@ WRITTEN_IN_DIAGNOSE = {
     "data.files": "; those that are read of the folder are files=[FILE,...]",
 }
 """Setting of other commands -> what is written for it where it does not exist; in ``diagnose`` besides."""
+PLAIN = re.compile(r"[A-Za-z0-9_./-]*")
+"""What hydra's grammar takes without quotes, where it is no number."""
+NO_WORDS = {"", "null", "true", "false"}
+"""What it takes for something else than a word."""
+AMBIGUOUS = re.compile(r"Ambiguous value for argument '(.*)'$", re.MULTILINE)
+"""How hydra complains of ``data.folder=a,b``."""
 MIN_LIKENESS = 0.7
 """Likeness of two names, of 1, from which one may be meant for the other."""
+MAX_ADVISED, QUOTES = 100, "'\""
+"""Letters of a value up to which advice repeats it; what may stand around one."""
 MAX_NESTED = 100
 """Brackets of a word that hydra's parser surely reads: each is several calls deep."""
 command = "train"
@@ -102,9 +111,68 @@ def explain(error: BaseException) -> str | None:
     if not isinstance(error, OF_CONFIG):
         return None
     if isinstance(error, OverrideParseException):  # whatever its parser broke on
-        return _one_line(str(error) if "Error parsing" in str(error) else f"Error parsing override {error.override!r}")
+        return _unread(error.override)
+    ambiguous = AMBIGUOUS.search(str(error))
+    if ambiguous:
+        return _several(ambiguous[1])
     ours = any(not isinstance(cause, (*OF_CONFIG, TypeError, ValueError)) for cause in causes(error))
     return None if ours else _one_line(str(error), _settings_beside(error))
+
+
+def quoted(text: str) -> str:
+    """A word as hydra's grammar takes it, whatever is in it."""
+    return '"' + re.sub(r"(\\+)(?=\"|\Z)", r"\1\1", text).replace('"', '\\"') + '"'
+
+
+def as_word(text: str) -> str:
+    """A word as hydra's grammar takes it, with quotes where they are needed."""
+    try:
+        float(text)
+    except ValueError:
+        return text if PLAIN.fullmatch(text) and text.lower() not in NO_WORDS else quoted(text)
+    return quoted(text)
+
+
+def of_home(word: str, *, hydras: bool) -> str:
+    """A word of a command line with the user's folder in place of ``~``, which some shells leave (``out=~/run``).
+
+    Args:
+        word: The word.
+        hydras: Whether hydra reads it.
+
+    Returns:
+        The word; others as they are.
+    """
+    key, sign, value = word.partition("=")
+    if not sign or not key or not (value == "~" or value.startswith("~/")):
+        return word
+    folder = os.path.expanduser(value)
+    return f"{key}={as_word(folder) if hydras else folder}"
+
+
+def _unread(word: str) -> str:
+    """What to say of a word that hydra's grammar does not take."""
+    key, sign, value = word.partition("=")
+    told = f"Error parsing override {word[:MAX_ADVISED]!r}"
+    if not sign or not key:
+        return f"{told}: write setting=value"
+    if value[:1] in {"[", "{"}:
+        return f'{told}: write each name in it within double quotes: \'{key}=["...","..."]\''
+    return f"{told}: a name with other than plain letters is quoted twice: write {_twice(key, value)}"
+
+
+def _several(word: str) -> str:
+    """What to say of a comma in a word where no sweep is asked for."""
+    key, _, value = word.partition("=")
+    listed = shlex.quote(f"{key}=[{value if len(value) <= MAX_ADVISED else '...'}]")
+    one = _twice(key, value)
+    return f"{word[:MAX_ADVISED]}: several values: write {listed} for a list, {one} for one name, or -m to try each"
+
+
+def _twice(key: str, value: str) -> str:
+    """A setting as it is typed: quoted for hydra, and for the shell."""
+    text = value.strip(QUOTES)
+    return shlex.quote(f"{key}={quoted(text if len(text) <= MAX_ADVISED else '...')}")
 
 
 def _settings_beside(error: BaseException) -> dict[str, list[str]]:

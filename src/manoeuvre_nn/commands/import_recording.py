@@ -9,6 +9,7 @@ from rich.table import Table as RichTable
 from rich.text import Text
 
 from manoeuvre_nn.commands.groups import CONF, accept, options, settings_in
+from manoeuvre_nn.commands.guard import as_word
 from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.particulars import Particulars
@@ -94,8 +95,8 @@ def import_recording(asked: _Request, console: Console) -> Proposal:
     accept({"plugins": list(asked.plugins), "config_dir": asked.own})
     with waiting(console, f"reading {asked.file.name}"):
         proposal = propose(asked.file, ship_called(asked.ship, asked.own))
+    write_file(asked.out, to_yaml(proposal))  # first: what is printed may have no reader
     show(proposal, console)
-    write_file(asked.out, to_yaml(proposal))
     _say(console, f"written: {asked.out}")
     for line in next_commands(proposal, asked):
         _say(console, line)
@@ -149,9 +150,8 @@ def next_commands(proposal: Proposal, asked: _Request) -> list[str]:
     named = asked.own is not None and asked.out.parent == Path(asked.own, "recording") and asked.out.suffix == ".yaml"
     mapping = asked.out.stem if named else str(asked.out)
     folder, name = asked.file.parent, asked.file.name
-    plain = all(letter.isalnum() or letter in "._-" for letter in name)
-    files = f"data.files=[{name}]" if plain else f'data.files=["{name}"]'
-    settings = [*own, f"data.mapping={mapping}", f"data.folder={folder}", files]
+    settings = [*own, f"data.mapping={as_word(mapping)}", f"data.folder={as_word(str(folder))}"]
+    settings.append(f"data.files=[{as_word(name)}]")
     words = " ".join(shlex.quote(word) for word in settings)
     ship = asked.ship or "SHIP"
     unknown = [] if asked.ship else ["write your ship for SHIP: a name that manoeuvre check --help lists, or your own"]

@@ -17,7 +17,8 @@ from omegaconf import DictConfig
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.commands import guard
-from manoeuvre_nn.commands.groups import CONF, GROUPS, accept, options, own_folder, quoted, with_settings
+from manoeuvre_nn.commands.groups import CONF, GROUPS, accept, options, own_folder, with_settings
+from manoeuvre_nn.commands.guard import of_home, quoted
 from manoeuvre_nn.commands.logs import logged
 from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError, check_choice
@@ -100,7 +101,7 @@ def run(command: str, words: list[str] | None = None) -> None:
         print(__version__)
         return
     with guard.one_line():
-        words, quiet, verbose = _loudness(words)
+        words, quiet, verbose = _loudness([of_home(word, hydras=command in TASKS) for word in words])
     be_quiet(quiet)
     if command in OF_FILES:
         with guard.one_line():

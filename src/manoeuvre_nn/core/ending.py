@@ -12,10 +12,10 @@ import time
 import traceback
 from collections.abc import Callable, Generator, Iterator
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from types import FrameType
-from typing import Any, TextIO
+from typing import IO, Any, TextIO
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.plain_text import harmless
@@ -151,7 +151,7 @@ def stopped_by(stop: KeyboardInterrupt) -> str:
 
 
 def _nobody_reads(stream: TextIO) -> bool:
-    """Whether the reader of a pipe has left; what is left in the stream then goes nowhere, so that its end is quiet."""
+    """Whether the reader of a pipe has left; what is left in the stream then goes nowhere."""
     try:
         number = stream.fileno()
     except (OSError, ValueError):  # no file of the system's
@@ -162,10 +162,16 @@ def _nobody_reads(stream: TextIO) -> bool:
     pipe.register(number, 0)
     left = any(event & select.POLLERR for _, event in pipe.poll(0))
     if left:
-        nowhere = os.open(os.devnull, os.O_WRONLY)
+        send_nowhere(stream)
+    return left
+
+
+def send_nowhere(stream: IO[str]) -> None:
+    """Let what is left in a stream, and what will be written to it, go nowhere, so that its end is quiet."""
+    with suppress(OSError, ValueError):  # no file of the system's
+        number, nowhere = stream.fileno(), os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, number)
         os.close(nowhere)
-    return left
 
 
 def in_short(error: BaseException) -> str:

@@ -2,6 +2,7 @@
 
 import io
 import logging
+import threading
 from collections.abc import Callable, Iterable
 from time import monotonic
 from typing import Any
@@ -10,6 +11,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.control import Control
 from rich.segment import Segment
 
+from manoeuvre_nn.core.ending import UNREAD, send_nowhere
 from manoeuvre_nn.core.plain_text import OBEYED, harmless
 
 Say = Callable[..., None]
@@ -58,6 +60,18 @@ class Terminal(Console):
             for line in plain.file.getvalue().splitlines():  # type: ignore[attr-defined]
                 if line.strip():
                     LOG.info("%s", harmless(line.rstrip()))
+
+    def on_broken_pipe(self) -> None:
+        """End as a shell expects where nobody reads on; a thread leaves that to the command, which prints next.
+
+        Raises:
+            SystemExit: With code 141.
+        """
+        if threading.current_thread() is not threading.main_thread():
+            return
+        self.quiet = True
+        send_nowhere(self.file)
+        raise SystemExit(UNREAD)
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         """Parts of a text with their styles; rich's own colours are styles, so that a code in a text is the text's."""
