@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -123,3 +124,12 @@ def test_a_folder_without_a_run_is_told_and_passed_over(tmp_path, asked):
     rows, printed, _ = asked("monday", "diagnosed")
     assert len(rows) == 1 and "no run of manoeuvre train is in diagnosed: passed over" in printed
     assert "1 run compared" in Path("table/compare.html").read_text()
+
+
+def test_odd_results_and_names_of_folders_are_shown_as_text(tmp_path, asked):
+    odd = run(tmp_path / "a", {"zz20": 0.3}) / "scores.json"
+    odd.write_text(json.dumps({**json.loads(odd.read_text()), "seed": [1, 2], "verdict": {"word": {"x": 1}}}))
+    run(Path(os.fsdecode(bytes(tmp_path) + b"/r\xff")), {"zz20": 0.1})
+    rows, _, file = asked("a", os.fsdecode(b"r\xff"))
+    assert [row["job"] for row in rows] == [row["job"] for row in file] == [r"r\udcff", "a"]
+    assert rows[1]["seed"] == "[1, 2]" and rows[1]["verdict"] == "{'x': 1}"

@@ -1,4 +1,6 @@
+import os
 import runpy
+from io import StringIO
 from pathlib import Path
 
 import pytest
@@ -10,7 +12,7 @@ from omegaconf import OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from manoeuvre_nn import __version__
-from manoeuvre_nn.commands import guard
+from manoeuvre_nn.commands import guard, main
 from manoeuvre_nn.commands.guard import as_word, explain, guarded, of_home, one_line
 from manoeuvre_nn.core.data_files import CONF
 from manoeuvre_nn.core.ending import WRONG_INPUT
@@ -217,3 +219,14 @@ def test_the_users_folder_is_put_in_place_of_its_sign(monkeypatch):
     monkeypatch.setenv("HOME", "/home/ü")
     assert of_home("out=~/run", hydras=True) == 'out="/home/ü/run"' and of_home("out=~", hydras=False) == "out=/home/ü"
     assert [of_home(word, hydras=True) for word in ("out=a/~/b", "~effect", "-m")] == ["out=a/~/b", "~effect", "-m"]
+
+
+@pytest.mark.parametrize("words", [["--help"], ["--version"], ["train", "--version"]])
+def test_help_on_a_full_disk_is_refused_in_a_line(words, monkeypatch, capsys):
+    full = StringIO()
+    full.flush = lambda: os.write(os.open("/dev/full", os.O_WRONLY), b"x")
+    monkeypatch.setattr("sys.argv", ["manoeuvre", *words])
+    monkeypatch.setattr("sys.stdout", full)
+    with pytest.raises(SystemExit) as end:
+        main.main()
+    assert end.value.code == 2 and capsys.readouterr().err.startswith("error: cannot write: No space left on device")

@@ -1,6 +1,7 @@
 """Whatever ends a command early is one line and an exit code."""
 
 import errno
+import io
 import os
 import signal
 import subprocess
@@ -260,3 +261,26 @@ def work(number): print(os.getpid(), flush=True); time.sleep(60)
 def test_a_process_of_a_person_does_not_end_with_its_shell():
     end_with_parent()
     assert WATCH not in {thread.name for thread in threading.enumerate()}
+
+
+class Full(io.StringIO):
+    """A stream on a full disk."""
+
+    def write(self, text):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_the_exit_code_is_the_same_where_the_line_cannot_be_written(monkeypatch):
+    monkeypatch.setattr(sys, "stderr", Full())
+    with pytest.raises(SystemExit) as end, one_line():
+        raise InputError("write another")
+    assert end.value.code == 2
+
+
+def test_streams_that_a_shell_has_closed_go_nowhere(monkeypatch):
+    monkeypatch.setattr(sys, "stdout", None)
+    monkeypatch.setattr(sys, "stderr", None)
+    with one_line():
+        print("done")
+    assert sys.stdout.name == os.devnull
+    sys.stdout.close(), sys.stderr.close()

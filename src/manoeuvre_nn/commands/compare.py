@@ -15,6 +15,7 @@ from manoeuvre_nn.commands.provenance import CONFIG, flat, shown, versions
 from manoeuvre_nn.commands.shelves import SEVERAL, TARGET
 from manoeuvre_nn.core.data_files import OVERRIDES, load_yaml, overrides_of
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.plain_text import harmless
 from manoeuvre_nn.core.writing import locked
 from manoeuvre_nn.report.html import Report, write_report
 from manoeuvre_nn.report.sweep import (
@@ -102,7 +103,7 @@ def _write_page(rows: Sequence[Row], notes: Sequence[str], asked: _Asked) -> Non
         summary=_summary(rows, names),
         tables={"Runs": [{_heading(name, names): row[name] for name in told} for row in rows]},
         figures=drawn,
-        config={"folders": [str(folder) for folder in asked.folders]},
+        config={"folders": [harmless(str(folder)) for folder in asked.folders]},
         versions=versions(),
         notes=notes,
         unfolded=("Runs",),
@@ -112,7 +113,7 @@ def _write_page(rows: Sequence[Row], notes: Sequence[str], asked: _Asked) -> Non
 
 def _passed_over(folders: Sequence[Path]) -> list[str]:
     """A line on folders without a run, such as those of a diagnosis; empty if there is none."""
-    empty = [str(folder) for folder in folders if not list(job_folders(folder))]
+    empty = [harmless(str(folder)) for folder in folders if not list(job_folders(folder))]
     told = f"{', '.join(empty[:MAX_NAMED])}{' ...' if len(empty) > MAX_NAMED else ''}"
     return [f"no run of manoeuvre train is in {told}: passed over"] if empty else []
 
@@ -137,7 +138,7 @@ def compared(folders: Sequence[Path]) -> list[dict[str, Any]]:
     typed = set(chain.from_iterable(overrides_of(job / OVERRIDES) for job in jobs))
     names = [name for name in differing(settings, typed) if name != "seed"]  # which is among the results
     rows = [
-        {"job": str(job.relative_to(above)), **{name: said.get(name) for name in names}, **results_of(job)}
+        {"job": harmless(str(job.relative_to(above))), **{name: said.get(name) for name in names}, **results_of(job)}
         for job, said in zip(jobs, settings, strict=True)
     ]
     order = sorted(columns(rows), key=lambda n: (n in AFTER_SCORES, n.startswith("relRMSE"), n.startswith(DEV)))

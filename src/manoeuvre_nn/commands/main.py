@@ -20,7 +20,6 @@ from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.groups import CONF, GROUPS, accept, options, own_folder, with_settings
 from manoeuvre_nn.commands.guard import of_home, quoted
 from manoeuvre_nn.commands.logs import logged
-from manoeuvre_nn.core.ending import WRONG_INPUT
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.plain_text import listed
 from manoeuvre_nn.core.terminal import Terminal, be_quiet
@@ -77,15 +76,13 @@ def main() -> None:
         SystemExit: With code 2 if there is no such command.
     """
     command, *words = sys.argv[1:] or ["--help"]
-    if command in {"-h", "--help"}:
-        print(USAGE)
-    elif command == "--version":
-        print(__version__)
-    elif command in TASKS or command in OF_FILES:
+    if command in TASKS or command in OF_FILES:
         run(command, words)
-    else:
-        print(f"error: there is no command {command}; choose one of: {', '.join([*TASKS, *OF_FILES])}", file=sys.stderr)
-        raise SystemExit(WRONG_INPUT)
+        return
+    with guard.one_line():
+        if command not in {"-h", "--help", "--version"}:
+            raise InputError(f"there is no command {command}; choose one of: {', '.join([*TASKS, *OF_FILES])}")
+        print(__version__ if command == "--version" else USAGE)
 
 
 def run(command: str, words: list[str] | None = None) -> None:
@@ -97,10 +94,10 @@ def run(command: str, words: list[str] | None = None) -> None:
     """
     words = sys.argv[1:] if words is None else words
     guard.command = command
-    if "--version" in words:
-        print(__version__)
-        return
     with guard.one_line():
+        if "--version" in words:
+            print(__version__)
+            return
         words, quiet, verbose = _loudness([of_home(word, hydras=command in TASKS) for word in words])
     be_quiet(quiet)
     if command in OF_FILES:

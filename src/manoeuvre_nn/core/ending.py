@@ -15,7 +15,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from functools import partial
 from types import FrameType
-from typing import IO, Any, TextIO
+from typing import Any, TextIO
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.plain_text import harmless
@@ -81,9 +81,17 @@ def listen() -> None:
 
     Nothing is begun yet that must be ended orderly; what is, is inside of :func:`one_line`.
     """
+    _open_closed_streams()
     for number in (signal.SIGINT, signal.SIGTERM):
         if signal.getsignal(number) in {signal.default_int_handler, signal.SIG_DFL}:  # nobody said otherwise
             signal.signal(number, _end_now)
+
+
+def _open_closed_streams() -> None:
+    """Where a shell has closed a stream (``>&-``), what is printed goes nowhere, and no file takes its number."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
 
 
 def _end_now(number: int, frame: FrameType | None) -> None:
@@ -119,6 +127,7 @@ def one_line(explained: Callable[[BaseException], str | None] = explain) -> Gene
         SystemExit: With code 2 for wrong input and for what cannot be read or written, 1 for a fault of the program,
             whose traceback is then written to a file, 130 for ctrl-C, 143 for SIGTERM, 141 if nobody reads on.
     """
+    _open_closed_streams()
     try:
         with _signals_raised(), _threads_quiet_of_full_disks():
             yield
@@ -166,7 +175,7 @@ def _nobody_reads(stream: TextIO) -> bool:
     return left
 
 
-def send_nowhere(stream: IO[str]) -> None:
+def send_nowhere(stream: Any) -> None:
     """Let what is left in a stream, and what will be written to it, go nowhere, so that its end is quiet."""
     with suppress(OSError, ValueError):  # no file of the system's
         number, nowhere = stream.fileno(), os.open(os.devnull, os.O_WRONLY)
@@ -186,10 +195,13 @@ def full_story(error: BaseException) -> str:
 
 
 def _tell(line: str) -> None:
-    """A line to the person, what is longer than a screen with its middle left out."""
+    """A line to the person, if it can be; what is longer than a screen with its middle left out."""
     told = harmless(" ".join(line.split()))
     told = told if len(told) <= MAX_LINE else f"{told[: MAX_LINE - 200]} ... {told[-190:]}"
-    print(told, file=sys.stderr, flush=True)
+    try:
+        print(told, file=sys.stderr, flush=True)
+    except OSError:  # it is full, or nobody reads on: the exit code tells it
+        send_nowhere(sys.stderr)
 
 
 def _written_down(error: BaseException) -> str:

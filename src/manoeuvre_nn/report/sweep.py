@@ -110,7 +110,12 @@ def _results(scores: Mapping[str, Any]) -> dict[str, Any]:
     row |= {f"{RMS}{name} [{scores.get('unit')}]": error for name, error in errors.items()}
     row |= {f"relRMSE {name}": error for name, error in _mapping(training.get("relrmse")).items()}
     row |= {"seed": scores.get("seed"), **{name: training.get(name) for name in ("epochs", "stopped", "seconds")}}
-    return {name: value for name, value in row.items() if value is not None}
+    return {name: _cell(value) for name, value in row.items() if value is not None}
+
+
+def _cell(value: Any) -> str | float:
+    """A result as a cell: lists and tables, which only a damaged file holds there, as text."""
+    return value if isinstance(value, str | int | float) else str(value)
 
 
 def _mapping(value: Any) -> dict[str, Any]:
