@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from manoeuvre_nn.commands.compare import compare, request
+from manoeuvre_nn.commands.compare import compare, request, settings_of
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.terminal import Terminal
 
@@ -64,7 +64,7 @@ def test_runs_of_several_folders_stand_in_one_table_the_best_first_with_what_dif
     log = Path("table/run.log").read_text()
     assert "begun: manoeuvre compare monday tuesday/sweep out=table" in log and "monday/a" in log and "done" in log
     heading = next(line for line in printed.splitlines() if "hidden" in line)
-    assert heading.split() == ["run", "hidden", "verdict", "mean", "dev/L", "zz20", "tc25"]
+    assert heading.split() == ["run", "verdict", "mean", "dev/L", "zz20", "tc25", "hidden"]
 
 
 def test_a_setting_that_comes_with_another_network_is_no_difference_unless_somebody_wrote_it(tmp_path, asked):
@@ -102,6 +102,33 @@ def test_a_table_of_many_manoeuvres_still_fits_eighty_columns(tmp_path, asked):
     _, printed, file = asked("all")
     assert max(map(len, printed.splitlines())) <= 80 and "worst" in printed
     assert sum(name.startswith("dev/L ") for name in file[0]) == 10
+
+
+def test_settings_that_have_no_room_are_named_and_no_word_is_broken(tmp_path, asked):
+    many = {f"setting_{k}": "a_long_name" for k in range(8)}
+    run(tmp_path / "own/model", {"tc25": 2.3, "zz10": 3.6}, fit=many)
+    run(tmp_path / "own/model2", {"tc25": 0.2, "zz10": 1.7}, fit={name: f"another_{k}" for k, name in enumerate(many)})
+    run(tmp_path / "own/lost", {"tc25": float("nan")})
+    rows, printed, file = asked("own/model2", "own/model", "own/lost")
+    heading, _, best, *_ = (line.split() for line in printed.splitlines()[2:])
+    assert heading[:6] == ["run", "verdict", "mean", "dev/L", "worst", "setting_0"] and heading[-1] == "setting_2"
+    assert best == ["model2", "usable", "0.95", "zz10", "1.7", "another_0", "another_1", "another_2"]
+    said = " ".join(printed.split())
+    assert "differ: setting_3, setting_4," in said and "setting_7; they are in runs.csv and on the page" in said
+    assert "tc25 nan" not in printed and file[0]["fit.setting_7"] == "another_7"
+    page = Path("table/compare.html").read_text()
+    places = [page.index(f">{name}<") for name in ("run", "verdict", "mean dev/L", "tc25", "setting_0")]
+    assert places == sorted(places)
+
+
+def test_a_ship_has_its_own_name_and_recordings_no_manoeuvre(tmp_path, asked):
+    ship = {"_target_": "manoeuvre_nn.ship.own.own_particulars", "name": "Wave Dancer", "length": 100.0}
+    measured = {"ship": ship, "data": {"_target_": "manoeuvre_nn.training.data.recorded_files", "folder": "trial"}}
+    run(tmp_path / "a", {"zz20": 0.1}, **measured)
+    run(tmp_path / "b", {"zz20": 0.3}, data={"_target_": "manoeuvre_nn.training.data.SimulatedData"})
+    rows, *_ = asked("a", "b")
+    assert [row["ship"] for row in rows] == ["Wave Dancer", "mariner"] and "ship.name" not in rows[0]
+    assert [settings_of(tmp_path / name).get("manoeuvre") for name in "ab"] == [None, "zz35"]
 
 
 @pytest.mark.parametrize(

@@ -20,14 +20,17 @@ from manoeuvre_nn.core.writing import locked
 from manoeuvre_nn.report.html import Report, write_report
 from manoeuvre_nn.report.sweep import (
     DEV,
+    LEARNT,
     MEAN,
+    RMS,
     error_of,
     has_scores,
     job_folders,
     results_of,
     short_name,
-    short_rows,
+    status_of,
     sweep_figure,
+    worst_of,
 )
 from manoeuvre_nn.report.tables import Row, columns, rich_table, write_csv
 
@@ -37,14 +40,16 @@ HELP = f"""One table over runs of manoeuvre train, wherever they lie, the closes
     {USAGE}
     manoeuvre compare outputs/*
 
-Columns are the settings in which the runs differ, the verdict, and dev/L of every held-out manoeuvre. Written to out:
-runs.csv, with everything, and compare.html."""
+Columns are the run's folder, the verdict, dev/L of every held-out manoeuvre, and the settings in which the runs differ.
+Written to out: runs.csv, with everything, and compare.html."""
 TABLE, PAGE = "runs.csv", "compare.html"
 NOT_SHOWN = (
     "format", "versions", "name", "logger", "score", "config_dir", "trainer.progress", "trainer.resume",
-    "trainer.threads",
+    "trainer.threads", "ship.name",
 )  # fmt: skip
 """Parts of a config that make no difference to a model, or that the columns of results say."""
+RECORDED = ("recorded_files", "recorded_records", "computed_records")
+"""Data of which no manoeuvre of the config is sailed."""
 AFTER_SCORES = ("seed", "epochs", "stopped", "seconds")
 """Results that stand last."""
 MAX_NAMED = 5
@@ -53,6 +58,8 @@ MAX_DRAWN = 3
 """Settings that differ up to which a figure can be read."""
 MAX_WIDTH = 10_000
 """No table is wider [columns]."""
+STATUS_WIDTH = 30
+"""What the message of a run that failed is given at least, beside settings [columns]."""
 
 
 class _Asked(NamedTuple):
@@ -85,8 +92,9 @@ def compare(asked: _Asked, console: Console) -> list[dict[str, Any]]:
     with locked(out), logged(out, f"manoeuvre compare {' '.join(map(str, asked.folders))} out={out}"):
         write_csv(out / TABLE, rows)
         _write_page(rows, notes, asked)
-        console.print(fitting(rows, console))
-        for line in notes:
+        table, left_out = fitting(rows, console)
+        console.print(table)
+        for line in [*left_out, *notes]:
             console.print(f"note: {line}", highlight=False)
         here = shown(out.resolve())
         console.print(f"table: {here / TABLE}   page: {here / PAGE}", soft_wrap=True, highlight=False)
@@ -96,7 +104,10 @@ def compare(asked: _Asked, console: Console) -> list[dict[str, Any]]:
 def _write_page(rows: Sequence[Row], notes: Sequence[str], asked: _Asked) -> None:
     """The table and, where few settings differ, the figure of a sweep."""
     names = settings_in(rows)
-    told = [name for name in columns(rows) if name not in {"stopped", "epochs"} and not name.startswith("relRMSE")]
+    unsaid = {"job", "verdict", MEAN, "stopped", "epochs", *names}
+    others = [name for name in columns(rows) if name not in unsaid and not name.startswith("relRMSE")]
+    said = [name for name in ("verdict", MEAN) if any(row.get(name) is not None for row in rows)]
+    told = ["job", *said, *sorted(others, key=lambda name: not name.startswith((DEV, RMS))), *names]
     drawn = {"Held-out errors/by settings": sweep_figure(rows)} if has_scores(rows) and len(names) <= MAX_DRAWN else {}
     report = Report(
         title=f"{len(rows)} run{'s' if len(rows) != 1 else ''} compared",
@@ -146,16 +157,19 @@ def compared(folders: Sequence[Path]) -> list[dict[str, Any]]:
 
 
 def settings_of(job: Path) -> dict[str, Any]:
-    """Settings of a run by their names; a group stands for what it makes, several things for their names."""
+    """Settings of a run by their names: a group stands for what it makes or the ship, several things for theirs."""
     try:
         config = load_yaml(job / CONFIG)
     except InputError:
         return dict(overrides_of(job / OVERRIDES))  # it failed before its config was written
     config = config if isinstance(config, Mapping) else {}
+    data = config.get("data")
+    if isinstance(data, Mapping) and str(data.get(TARGET)).rpartition(".")[2] in RECORDED:
+        config = {group: said for group, said in config.items() if group != "manoeuvre"}
     found: dict[str, Any] = {}
     for group, said in config.items():
         if isinstance(said, Mapping) and TARGET in said:
-            found[group] = str(said[TARGET]).rpartition(".")[2]
+            found[group] = str((group == "ship" and said.get("name")) or str(said[TARGET]).rpartition(".")[2])
         elif isinstance(said, Mapping) and group in SEVERAL:
             found[group] = " ".join(name for name, one in said.items() if isinstance(one, Mapping)) or "none"
     found |= {k: v if isinstance(v, str | int | float) else str(v) for k, v in flat(dict(config)).items()}
@@ -208,24 +222,54 @@ def _summary(rows: Sequence[Row], named: Sequence[str]) -> str:
     if not scored:
         return "No run has a score."
     best = scored[0]
-    how = (
-        ", ".join(f"{_heading(name, named)}={best[name]}" for name in named if best.get(name) is not None)
-        or best["job"]
+    settings = [f"{_heading(name, named)}={best[name]}" for name in named if best.get(name) is not None]
+    how = f" ({', '.join(settings)})" if 0 < len(settings) <= MAX_DRAWN else ""
+    return (
+        f"{len(scored)} of {len(rows)} runs have a score; the best is {best['job']}{how}: error {error_of(best):.3g}."
     )
-    return f"{len(scored)} of {len(rows)} runs have a score; the best is {how}: error {error_of(best):.3g}."
 
 
-def fitting(rows: Sequence[Row], console: Console) -> Table:
-    """The fullest table that fits the terminal: with every run's folder and every manoeuvre, or with less."""
-    title, names = f"{len(rows)} runs", settings_in(rows)
-    told = [name for name in ("seed", "status") if len({row.get(name) for row in rows}) > 1]
-    kept = [*names, *told, "verdict", MEAN, *(n for n in columns(rows) if n.startswith(DEV))]
-    for some in (["job", *kept], kept):
-        full = [{_heading(n, names): row.get(n) for n in some} for row in rows]
-        table = rich_table(full, title)
-        if console.measure(table, options=console.options.update(width=MAX_WIDTH)).maximum <= console.width:
-            return table
-    return rich_table([{k: v for k, v in row.items() if k != "seconds"} for row in short_rows(rows)], title)
+def fitting(rows: Sequence[Row], console: Console) -> tuple[Table, list[str]]:
+    """The fullest table that fits the terminal: every manoeuvre, or the worst, and the settings that have room.
+
+    Args:
+        rows: One a run.
+        console: The terminal.
+
+    Returns:
+        The table, and a line on the settings that are left out, if any is.
+    """
+    names = settings_in(rows)
+
+    def table(each: bool, shown: Sequence[str], status_width: int = MAX_WIDTH) -> Table:
+        told = [
+            {**_outcome(row, rows, each), **{_heading(name, names): row.get(name) for name in shown}} for row in rows
+        ]
+        statuses = [status_of(row)[:status_width] for row in rows]
+        if len(set(statuses)) > 1:
+            told = [{**cells, "status": status} for cells, status in zip(told, statuses, strict=True)]
+        return rich_table(told, f"{len(rows)} run{'s' if len(rows) != 1 else ''}")
+
+    def fits(each: bool, shown: Sequence[str]) -> bool:
+        wide = console.options.update(width=MAX_WIDTH)
+        return console.measure(table(each, shown, STATUS_WIDTH), options=wide).maximum <= console.width
+
+    each, shown = fits(True, names), list[str]()
+    for name in names:
+        shown += [name] if fits(each, [*shown, name]) else []
+    left_out = ", ".join(_heading(name, names) for name in names if name not in shown)
+    note = f"no room here for settings in which the runs differ: {left_out}; they are in {TABLE} and on the page"
+    return table(each, shown), [note] if left_out else []
+
+
+def _outcome(row: Row, rows: Sequence[Row], each: bool) -> dict[str, Any]:
+    """The run and what came out of it, of each held-out manoeuvre or of the worst; what no run has is left out."""
+    errors = [n for n in columns(rows) if n.startswith(RMS) and not n.startswith(LEARNT)]
+    told = ["verdict", MEAN, *errors, *(n for n in columns(rows) if each and n.startswith(DEV))]
+    told = [name for name in told if any(r.get(name) is not None for r in rows)]
+    told += ["seed"] if len({r.get("seed") for r in rows}) > 1 else []
+    cells = {_heading(name, ()): row.get(name) for name in ("job", *told)}
+    return cells if each or not any(map(worst_of, rows)) else {**cells, "worst": worst_of(row)}
 
 
 def _heading(name: str, settings: Sequence[str]) -> str:

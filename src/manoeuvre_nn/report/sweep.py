@@ -29,6 +29,8 @@ MEAN, DEV = "mean dev/L", "dev/L "
 """Columns of the mean and, followed by its name, of each held-out manoeuvre."""
 RMS = "RMS "
 """Column of the error of each set of records, followed by its name and unit, where a response is approximated."""
+LEARNT = f"{RMS}learning"
+"""Start of the column of records that were learnt."""
 RESULTS = ("job", "status", "verdict", "ended early", MEAN, "seed", "epochs", "stopped", "seconds")
 """Columns that are not settings, beside those that start with ``dev/L``, ``RMS`` or ``relRMSE``."""
 
@@ -138,18 +140,29 @@ def short_rows(rows: Sequence[Row]) -> list[dict[str, Any]]:
     names = swept(rows)
     short = []
     for row in sorted(rows, key=error_of):
-        errors = {n: row.get(n) for n in columns(rows) if n.startswith(RMS) and not n.startswith(f"{RMS}learning")}
-        devs = {name.removeprefix(DEV): _number(value) for name, value in row.items() if name.startswith(DEV)}
-        worst = max(devs, key=lambda name: devs[name]) if devs else None
-        ended = len(str(row.get("ended early") or "").split())
+        errors = {n: row.get(n) for n in columns(rows) if n.startswith(RMS) and not n.startswith(LEARNT)}
         # The settings that differ say which job it is; its folder's name would only repeat them.
         named = {short_name(name, names): row.get(name) for name in names}
         cells = named if any(value is not None for value in named.values()) else {"job": row["job"]}
-        cells |= {"status": f"{ended} ended early" if ended else row["status"], MEAN: row.get(MEAN), **errors}
-        cells |= {"worst": worst and f"{worst} {devs[worst]:.3g}", "verdict": row.get("verdict")}
+        cells |= {"status": status_of(row), MEAN: row.get(MEAN), **errors}
+        cells |= {"worst": worst_of(row), "verdict": row.get("verdict")}
         short.append({**cells, "seconds": row.get("seconds")})
     headings = dict.fromkeys(name for row in short for name in row)
     return [{n: row.get(n) for n in headings if any(r.get(n) is not None for r in short)} for row in short]
+
+
+def status_of(row: Row) -> str:
+    """How a run ended, or how many of its manoeuvres ended early."""
+    ended = len(str(row.get("ended early") or "").split())
+    return f"{ended} ended early" if ended else str(row["status"])
+
+
+def worst_of(row: Row) -> str | None:
+    """The manoeuvre with the largest dev/L, and that; None if none has a number."""
+    numbers = {name.removeprefix(DEV): _number(value) for name, value in row.items() if name.startswith(DEV)}
+    devs = {name: dev for name, dev in numbers.items() if np.isfinite(dev)}
+    worst = max(devs, key=lambda name: devs[name], default=None)
+    return worst and f"{worst} {devs[worst]:.3g}"
 
 
 def error_of(row: Row) -> float:
