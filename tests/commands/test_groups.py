@@ -49,7 +49,7 @@ def test_a_config_from_python_does_not_take_the_name_of_a_command_that_ran_befor
 
 def test_options_of_which_several_hold_are_typed_with_their_settings():
     words = ["ship=mariner", "manoeuvre=[zz20,{spiral: {rudder_deg: 15, first: port, hold: null}}]"]
-    settings = ["manoeuvre.spiral.rudder_deg=15", "manoeuvre.spiral.first='port'", "manoeuvre.spiral.hold=null"]
+    settings = ["manoeuvre.spiral.rudder_deg=15", "manoeuvre.spiral.first=port", "manoeuvre.spiral.hold=null"]
     assert with_settings(words) == ["ship=mariner", "manoeuvre=[zz20,spiral]", *settings]
     cfg = compose("simulate", ["effect={current: {speed: 0.5}}", words[1].replace(", hold: null", "")])
     assert cfg.effect.current.speed == 0.5

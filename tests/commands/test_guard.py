@@ -230,3 +230,10 @@ def test_help_on_a_full_disk_is_refused_in_a_line(words, monkeypatch, capsys):
     with pytest.raises(SystemExit) as end:
         main.main()
     assert end.value.code == 2 and capsys.readouterr().err.startswith("error: cannot write: No space left on device")
+
+
+def test_how_loud_a_command_is_may_be_said_before_it(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["manoeuvre", "-q", "nowhere"])
+    with pytest.raises(SystemExit) as end:
+        main.main()
+    assert end.value.code == 2 and capsys.readouterr().err.startswith("error: there is no command nowhere; choose")

@@ -1,5 +1,7 @@
 """Sweeps on other machines: ready configs, what is missing in a line, and how far a sweep is."""
 
+import importlib.util
+
 import hydra
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -37,6 +39,18 @@ def test_an_extra_that_is_missing_is_named(missing, extra):
     said = f"In 'hydra/launcher/slurm': Could not find 'hydra/{missing}'\n\nAvailable options:\n\tbasic"
     line = guard.explain(hydra.errors.MissingConfigException(said, missing))
     assert line == f"hydra/{missing.replace('/', '=')} is not installed: pip install 'manoeuvre-nn[{extra}]'"
+
+
+@pytest.mark.parametrize(("ready", "needs", "extra"), [
+    ("slurm", "submitit_slurm", "sweep"), ("ray_cluster", "ray", "ray"),
+])  # fmt: skip
+def test_a_ready_config_tells_the_extra_that_it_needs(ready, needs, extra):
+    if importlib.util.find_spec(f"hydra_plugins.hydra_{needs.partition('_')[0]}_launcher") is not None:
+        pytest.skip("it is installed")
+    with pytest.raises(hydra.errors.HydraException) as refusal:
+        launcher(ready)
+    told = f"hydra/launcher={needs} is not installed: pip install 'manoeuvre-nn[{extra}]'"
+    assert guard.explain(refusal.value) == told
 
 
 @pytest.mark.parametrize(("words", "folder"), [

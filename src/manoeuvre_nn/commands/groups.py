@@ -18,7 +18,7 @@ from hydra.core.hydra_config import HydraConfig
 from omegaconf import DictConfig, OmegaConf
 
 from manoeuvre_nn.commands import guard
-from manoeuvre_nn.commands.guard import quoted
+from manoeuvre_nn.commands.guard import as_word, quoted
 from manoeuvre_nn.commands.settings import check_settings
 from manoeuvre_nn.core.data_files import CONF, load_yaml
 from manoeuvre_nn.core.errors import InputError, check_choice
@@ -144,7 +144,7 @@ def with_settings(words: Sequence[str]) -> list[str]:
 
 def _typed(value: Any) -> str:
     """A value as it is typed for hydra."""
-    return quoted(value) if isinstance(value, str) else json.dumps(value)
+    return as_word(value) if isinstance(value, str) else json.dumps(value)
 
 
 def own_folder(words: Sequence[str]) -> tuple[list[str], Path | None]:

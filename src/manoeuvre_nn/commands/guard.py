@@ -194,10 +194,11 @@ def write_error(error: BaseException, out: Path) -> str:
 
 def _one_line(text: str, beside: Mapping[str, Sequence[str]] = MappingProxyType({})) -> str:
     """Hydra's own messages, shortened: choices are kept, advice about stack traces is not; the nearest of settings."""
-    missing = re.search(r"Could not find '([^']+)/([^'/]+)'", text)
-    if missing and f"{missing[1]}={missing[2]}" in OF_EXTRAS:
+    missing = re.search(r"Could not (?:find|load) '([^']+)/([^'/]+)'", text)
+    if missing and f"{missing[1]}={missing[2]}" in OF_EXTRAS:  # a ready config of ours that asks for it, too
         extra = OF_EXTRAS[f"{missing[1]}={missing[2]}"]
         return f"{missing[1]}={missing[2]} is not installed: pip install 'manoeuvre-nn[{extra}]'"
+    missing = re.search(r"Could not find '([^']+)/([^'/]+)'", text)
     if missing:
         options = re.findall(r"^\t(\w+)$", text, flags=re.MULTILINE)
         return f"{missing[1]}={missing[2]} is unknown; choose one of: {', '.join(options)}"

@@ -70,12 +70,9 @@ OF_HYDRA = ("hydra/launcher=two_cores", "hydra/job_logging=disabled", "hydra/hyd
 
 
 def main() -> None:
-    """Run ``manoeuvre COMMAND ...``.
-
-    Raises:
-        SystemExit: With code 2 if there is no such command.
-    """
-    command, *words = sys.argv[1:] or ["--help"]
+    """Run ``manoeuvre COMMAND ...``; a command that there is not ends with code 2."""
+    loud = {*QUIET_WORDS, *VERBOSE_WORDS}  # before the command or after it
+    command, *words = sorted(sys.argv[1:], key=lambda word: word in loud) or ["--help"]
     if command in TASKS or command in OF_FILES:
         run(command, words)
         return
