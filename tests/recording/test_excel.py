@@ -105,6 +105,11 @@ def test_a_broken_or_foreign_workbook_is_refused(zz20, workbook, tmp_path, monke
     for content in (b"t,u\n1,2\n", whole[: len(whole) // 2], b"PK\3\4" + bytes(100), b"\xd0\xcf\x11\xe0" + bytes(600)):
         path.write_bytes(content)
         refused(path, "not an Excel workbook, or cut off")
+    spoilt = bytearray(whole)
+    sheet = whole.index(b"xl/worksheets/sheet1.xml") + 60
+    spoilt[sheet : sheet + 60] = b"\xff" * 60
+    path.write_bytes(spoilt)
+    refused(path, "not an Excel workbook, or cut off")
     path.write_bytes(b"")
     refused(path, "empty file")
     path.write_bytes(whole)
@@ -112,3 +117,26 @@ def test_a_broken_or_foreign_workbook_is_refused(zz20, workbook, tmp_path, monke
     refused(path, "GB of cells need about")
     monkeypatch.setitem(__import__("sys").modules, "openpyxl", None)
     refused(path, r"pip install 'manoeuvre-nn\[excel\]'")
+
+
+def test_a_cell_is_called_by_its_row_in_excel(zz20, workbook):
+    table = placed(zz20).astype(object)
+    table.loc[20, "hdg"] = "calm"
+    path = workbook([["Sea trial"], [], NAMES, UNITS], table)
+    with pytest.raises(InputError, match="run.xlsx, row 25: column 'Heading deg' is 'calm'"):
+        read_table(path).numbers("Heading deg")
+    book = openpyxl.load_workbook(path)
+    book.active.insert_rows(10, 3)
+    book.save(path)
+    with pytest.raises(InputError, match="row 28: column 'Heading deg' is 'calm'"):
+        read_table(path).numbers("Heading deg")
+
+
+def test_cells_marked_as_dates_that_are_none_give_no_warnings(zz20, workbook, recwarn):
+    path = workbook([NAMES])
+    book = openpyxl.load_workbook(path)
+    for row in range(2, 9):
+        book.active.cell(row, 1, 1e9).number_format = "yyyy-mm-dd"
+    book.save(path)
+    recwarn.clear()
+    assert list(read_table(path).cells) == NAMES and not recwarn.list

@@ -259,3 +259,11 @@ def test_a_log_that_does_not_fit_into_memory_is_refused_before_it_is_read(zz20, 
     monkeypatch.setattr("manoeuvre_nn.core.memory.free_memory", lambda: 1000.0)
     with pytest.raises(InputError, match="GB of sentences need about .* cut the log into parts"):
         read_table(path)
+
+
+def test_a_byte_that_is_no_letter_in_a_field_of_letters_is_read_over(tmp_path):
+    words = "HEROT,1.5,\xc1"
+    table = cells(
+        tmp_path / "run.nmea", position(0), sentence(words), position(1), sentence("HEROT,2.5,A"), position(2)
+    )
+    assert table.cells["HEROT.rot [deg/min]"].iloc[0] == 1.5

@@ -18,6 +18,8 @@ BAG_FOLDER, METADATA = "rosbag2", "metadata.yaml"
 """What stands for a suffix of a folder that is one recording, and the file by which it is known."""
 NOTES, QUESTIONS = "notes", "questions"
 """Keys of a frame's ``attrs``: sentences about how it was read; column -> what it was assumed to be."""
+ROWS = "rows"
+"""Key of a frame's ``attrs``: rows of the file that its samples stand in; 1, 2, 3 and so on without it."""
 Reader = Callable[[Path, Sequence[str] | None], pd.DataFrame]
 """Gives the columns of a file: numbers, texts or times, a row a sample; of those wanted at least, where None is all. It
 raises InputError for a file that it cannot read."""
@@ -81,7 +83,7 @@ def check_there(path: Path) -> None:
 
 
 def columns_in(path: Path, wanted: Sequence[str] | None = None) -> pd.DataFrame:
-    """Columns of a file that has a reader; the index counts rows from 1."""
+    """Columns of a file that has a reader; the index counts rows from 1, as the file has them."""
     if not is_bag_folder(path):
         check_there(path)
     reader = reader_of(path)
@@ -91,7 +93,7 @@ def columns_in(path: Path, wanted: Sequence[str] | None = None) -> pd.DataFrame:
             frame = reader(path, wanted)
     except MemoryError as error:
         raise InputError(f"{path.name}: what it holds takes more memory than is free: cut it into parts") from error
-    numbered = frame.set_axis(pd.RangeIndex(1, len(frame) + 1))
+    numbered = frame.set_axis(pd.Index(frame.attrs.get(ROWS, range(1, len(frame) + 1))))
     numbered.attrs = frame.attrs
     return numbered
 

@@ -1,6 +1,7 @@
 """Workbooks of Excel: the one sheet with columns of numbers, its headings in one line or in several."""
 
 import datetime
+import warnings
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +13,7 @@ import pandas as pd
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.memory import check_memory
 from manoeuvre_nn.core.plain_text import listed
-from manoeuvre_nn.recording.read.containers import reads
+from manoeuvre_nn.recording.read.containers import ROWS, reads
 
 NUMBERS = 0.6
 """Share of a row's cells that are numbers or times in rows of a table."""
@@ -42,6 +43,7 @@ def excel_frame(path: Path, columns: Sequence[str] | None = None) -> pd.DataFram
 
     Raises:
         InputError: If it is no workbook, or not one sheet has rows of numbers.
+        MemoryError: If its cells take more memory than is free.
     """
     del columns
     try:
@@ -54,11 +56,15 @@ def excel_frame(path: Path, columns: Sequence[str] | None = None) -> pd.DataFram
         with zipfile.ZipFile(path) as packed:
             size = sum(part.file_size for part in packed.infolist())
         check_memory(f"{path.name}: {size / 1e9:.2g} GB of cells", MEMORY * size, "save the sheet as CSV")
-        book = load_workbook(path, read_only=True, data_only=True, keep_links=False)
-        sheets = {s.title: _rows(s) for s in book.worksheets if s.sheet_state == "visible"}
-        book.close()
-    except (zipfile.BadZipFile, OSError, KeyError, ValueError, TypeError, AttributeError, SyntaxError) as error:
-        said = " ".join(str(error).split())[:80]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of styles, and of each cell that is marked as a date and is none
+            book = load_workbook(path, read_only=True, data_only=True, keep_links=False)
+            sheets = {s.title: _rows(s) for s in book.worksheets if s.sheet_state == "visible"}
+            book.close()
+    except (InputError, MemoryError):
+        raise
+    except Exception as error:  # its reader raises many kinds on foreign, hostile and damaged files
+        said = " ".join(str(error).split())[:80] or type(error).__name__
         raise InputError(f"{path.name}: not an Excel workbook, or cut off ({said}); save it again, or as CSV") from None
     tables = {title: table for title, rows in sheets.items() if (table := _table(rows)) is not None}
     if len(tables) > 1:
@@ -95,12 +101,15 @@ def _table(rows: list[tuple[Cell, ...]]) -> pd.DataFrame | None:
         return None
     first, width = good.index(True), max(map(len, rows))
     names = _headings(rows[:first], width)
-    below = [row + (None,) * (width - len(row)) for row, there in zip(rows[first:], full[first:], strict=True) if there]
+    places = [k for k in range(first, len(rows)) if full[k]]
+    below = [rows[k] + (None,) * (width - len(rows[k])) for k in places]
     kept = [k for k in range(width) if names[k]]
     if len(kept) < 2:
         return None
     frame = pd.DataFrame({k: _column([row[k] for row in below]) for k in kept})
-    return frame.set_axis([names[k] for k in kept], axis=1)
+    frame = frame.set_axis([names[k] for k in kept], axis=1)
+    frame.attrs[ROWS] = [k + 1 for k in places]
+    return frame
 
 
 def _headings(above: list[tuple[Cell, ...]], width: int) -> list[str]:

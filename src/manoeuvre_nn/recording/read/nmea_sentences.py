@@ -32,8 +32,8 @@ class Fields:
         return [row[k].strip() if k < len(row) else b"" for row in self.rows]
 
     def words(self, k: int) -> np.ndarray:
-        """One field as text."""
-        return np.array(self.raw(k), dtype="S12").astype("U")
+        """One field as text; a byte that is no letter is kept as some sign."""
+        return np.char.decode(np.array(self.raw(k), dtype="S12"), "latin-1")
 
     def numbers(self, k: int) -> Series:
         """One field as numbers; NaN where it is empty or none."""
