@@ -99,6 +99,8 @@ def _newer(path: Path) -> tuple[Vectors, list[str]]:
             check_memory(f"{path.name}: {size / 1e9:.2g} GB of numbers", 2.0 * size, "save the channels alone")
             objects = any("MATLAB_object_decode" in file[name].attrs for name in file if _is_own(file, name, h5py))
             vectors = dict(v for name, one in found for v in _columns(name, _array(one)))
+    except InputError:
+        raise
     except (OSError, RuntimeError, ValueError, KeyError, TypeError, MemoryError) as error:
         said = " ".join(str(error).split())[:80]
         raise InputError(
