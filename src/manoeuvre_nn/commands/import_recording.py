@@ -117,8 +117,9 @@ def show(proposal: Proposal, console: Console) -> None:
             _say(console, f"{key}: {value}  ({undecided}{proposal.reasons[key]})")
     for note in proposal.notes:
         _say(console, note)
-    if proposal.left_out:
-        _say(console, f"Not read: {', '.join(proposal.file.called(c) for c in proposal.left_out)}.")
+    words = [f"{name} (no numbers: it holds {cell[:40]!r})" for name, cell in proposal.file.words.items()]
+    if not_read := [*map(proposal.file.called, proposal.left_out), *words]:
+        _say(console, f"Not read: {', '.join(not_read)}.")
     if proposal.finding:
         _say(console, f"The checks say: {proposal.finding}")
     if proposal.questions:

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.recording.check.agreement import (
@@ -36,8 +35,6 @@ USUAL_SPEED = 1.5
 """Speeds of a ship lie within this factor of U0 unless something is wrong [-]."""
 LEAST_LEVER = 0.05
 """Distance of two points over L that is told apart."""
-MAX_VALUE = 1e30
-"""Numbers beyond this are none of a ship's, and their squares overflow."""
 MANIFOLD = float(np.log(10.0))
 """Differences of logarithms beyond this are not worth a number."""
 FULL_CIRCLE = 2 * np.pi + 0.5
@@ -68,13 +65,7 @@ def read_motions(
 
     Returns:
         How each channel is read, what is set beside, and the motion in SI but for signs and axes.
-
-    Raises:
-        InputError: If numbers are too large to be compared.
     """
-    largest = max(float(np.abs(v).max()) for v in values.values())
-    if largest > MAX_VALUE:
-        raise InputError(f"columns reach {largest:.3g}, which no motion of a ship does: mend or leave out such samples")
     track = _track(time, values)
     units = _speed_units(columns, values, track, ship)
     if "cog" in columns:

@@ -22,6 +22,7 @@ from manoeuvre_nn.recording.propose.sniff import Sniffed, sniff
 from manoeuvre_nn.recording.propose.time_column import choose_time
 from manoeuvre_nn.recording.read.mapping import RECORD, Mapping, mapping
 from manoeuvre_nn.recording.read.mending import line_across
+from manoeuvre_nn.recording.read.position import misplaced
 from manoeuvre_nn.recording.read.quantity import COUNT, PAIRS, QUANTITY, units_of
 from manoeuvre_nn.recording.read.reader import MAX_FILLED_CELLS, read_recording
 
@@ -35,6 +36,9 @@ TURNED, MIN_TURNED = 0.5, 0.1
 """Change of heading that no degree of rudder makes, and below which a ship runs straight [rad]."""
 FASTEST_SHAFT = 25.0
 """Shaft speeds above this are in revolutions a minute [1/s]."""
+
+MAX_VALUE = 1e30
+"""Numbers beyond this are none of a ship's, and their squares overflow."""
 
 Series = Float[np.ndarray, " n"]
 
@@ -51,7 +55,7 @@ class Proposal:
         reasons: Setting of the mapping -> why.
         undecided: Settings that neither names nor data decided.
         notes: What a person should know, a sentence each.
-        left_out: Columns that no channel is read from.
+        left_out: Columns of numbers that no channel is read from.
         finding: What the checks say of the file as it would be read; None if they pass.
     """
 
@@ -98,16 +102,17 @@ def propose(path: Path, ship: Particulars | None = None) -> Proposal:
     """
     file = sniff(path)
     named = assign([h for h in file.headings if h.column in file.numbers])
+    _check_sizes(file, named)
     time, seconds = choose_time(file, named, ship)
     others = {c: _moving_first(file, c, [h for h in hs if h.column != time.column]) for c, hs in named.items()}
-    columns, spare = _columns({c: hs[0] for c, hs in others.items() if hs})
+    columns, spare = _columns({c: hs for c, hs in others.items() if hs}, file)
     if not columns:
         raise InputError(
             f"{path.name}: no column is called like a known channel ({file.overview()}); write the mapping by hand, "
             "see conf/recording, or name the columns t, u, v, r, x, y, psi, delta"
         )
     base = {**file.layout, "time": {"column": time.column, "unit": time.unit}}
-    notes = _open_questions(file, columns)
+    notes = [*_open_questions(file, columns), *spare]
     if _is_record(columns):
         choices, settings = _record(columns, file)
     else:
@@ -121,7 +126,7 @@ def propose(path: Path, ship: Particulars | None = None) -> Proposal:
         settings["rudder_positive_to"] = _rudder_side(path, _config(base, settings, choices), ship or _stand_in(motion))
         rest = set(columns) - {choice.channel for choice in choices}
         choices += [_other(c, h, values[c], usual_speed(motion), ship) for c, h in columns.items() if c in rest]
-        notes += [*spare, *_mirrored(columns)]
+        notes += _mirrored(columns)
     choices = [_assumed(choice, file) for choice in choices]
     raw = {c.channel: file.numbers[c.column] for c in choices}
     settings |= _gaps(seconds, raw)
@@ -139,6 +144,22 @@ def propose(path: Path, ship: Particulars | None = None) -> Proposal:
         left_out=tuple(h.column for h in file.headings if h.column not in used),
         finding=_finding(path, config, ship),
     )
+
+
+def _check_sizes(file: Sniffed, named: dict[str, list[Heading]]) -> None:
+    """Refuse numbers whose differences overflow, and positions most of which are nowhere: single ones are outliers."""
+    for channel, heading in ((channel, h) for channel, headings in named.items() for h in headings):
+        values = file.numbers[heading.column]
+        if (huge := np.abs(values) > MAX_VALUE).any():
+            row = int(np.argmax(huge))
+            raise file.table.error(
+                heading.column, row, f"is {values[row]:.3g}, which no motion of a ship does: mend this cell, or leave "
+                "the column out"
+            )  # fmt: skip
+        nowhere, why = misplaced(channel, values * DEGREE)
+        if nowhere.mean() > 0.5 and heading.unit in {"", "deg"}:
+            row = int(np.argmax(nowhere))
+            raise file.table.error(heading.column, row, f"is {values[row]:.6g} deg, {why}")
 
 
 def _moving_first(file: Sniffed, channel: str, headings: list[Heading]) -> list[Heading]:
@@ -182,23 +203,24 @@ def _outlying(raw: dict[str, Series]) -> list[str]:
     return [f"Single samples far off their neighbours: {said}; outliers: fill takes them out."] if said else []
 
 
-def _columns(named: dict[str, Heading]) -> tuple[dict[str, Heading], list[str]]:
+def _columns(named: dict[str, list[Heading]], file: Sniffed) -> tuple[dict[str, Heading], list[str]]:
     """Columns that can be used, and what is set aside in words."""
-    columns = dict(named)
+    columns, said = {channel: headings[0] for channel, headings in named.items()}, []
     if "v" not in columns and "u" in columns:
         log = columns.pop("u")
         columns.setdefault("u_log", log)
     for one, other in (("u", "v"), ("x", "y"), ("lat", "lon"), ("sog", "cog")):
         if (one in columns) != (other in columns):
-            for half in (one, other):
-                columns.pop(half, None)
+            half, lacking = (one, other) if one in columns else (other, one)
+            del columns[half]
+            called = " and ".join(repr(file.called(h.column)) for h in named[half])
+            said.append(f"{half} ({called}) is left out: no column is called like {lacking}, which belongs to it.")
     sides = [c for c in ("delta_starboard", "delta_port") if c in columns]
     if "delta" not in columns and len(sides) == 1:  # the only rudder: "Rudder PS+" names the side of its sign
         columns["delta"] = columns.pop(sides[0])
     if "delta" not in columns and "delta_order" in columns:
         order = columns.pop("delta_order")
         columns["delta"] = replace(order, name=f"order_{order.name}")
-    said = []
     for kept, same in ((("x", "y"), ("lat", "lon")), (("u", "v"), ("sog", "cog"))):
         if {*kept, *same} <= set(columns):
             columns = {c: h for c, h in columns.items() if c not in same}

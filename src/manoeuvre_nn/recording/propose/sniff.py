@@ -57,6 +57,18 @@ class Sniffed:
         """What a column is called in the file, also where a mapping has to name it by its number."""
         return self.spoken.get(column, column)
 
+    @property
+    def words(self) -> dict[str, str]:
+        """Columns that hold no numbers, but for those whose headings stand twice -> the first cell that says something.
+
+        Returns:
+            What they are called in the file, and that cell.
+        """
+        known = {h.column for h in self.headings} | set(self.twice)
+        cells = {c: self.table.text(c) for c in self.table.cells.columns if c not in known}
+        said = {c: next((cell for cell in text if cell.lower() not in EMPTY), "") for c, text in cells.items()}
+        return {self.called(c): cell for c, cell in said.items() if cell}
+
     def overview(self) -> str:
         """What its first columns are called."""
         return listed([self.called(h.column) for h in self.headings])

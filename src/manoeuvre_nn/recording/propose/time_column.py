@@ -11,7 +11,6 @@ from manoeuvre_nn.recording.check.agreement import AGAINST, window, yaw_readings
 from manoeuvre_nn.recording.local_cubics import smoothed
 from manoeuvre_nn.recording.propose.choice import Choice
 from manoeuvre_nn.recording.propose.headings import Heading, take_apart, word_score
-from manoeuvre_nn.recording.propose.motion_columns import MAX_VALUE
 from manoeuvre_nn.recording.propose.sniff import Sniffed
 from manoeuvre_nn.recording.read.mending import line_across
 from manoeuvre_nn.recording.read.quantity import UNITS, units_of
@@ -59,6 +58,7 @@ def choose_time(file: Sniffed, named: Named, ship: Particulars | None) -> tuple[
     if stamped is not None:
         seconds = file.table.times(stamped.column, stamped.unit)
         file.table.check_rises(stamped.column, seconds)
+        file.table.check_holes(stamped.column, seconds)
         why = "time stamps; UTC unless they say otherwise, or time_zone does"
         return Choice("time", stamped.column, stamped.unit, why=why), seconds
     if called:
@@ -105,6 +105,7 @@ def _with_unit(
 ) -> tuple[Choice, Series]:
     """The unit under which the motion makes most sense."""
     raw = file.numbers[heading.column]
+    file.table.check_holes(heading.column, raw)
     said = heading.unit if heading.unit in ORDER else ""
     columns = {c: hs[0] for c, hs in named.items()}
     values = {c: file.numbers[h.column] for c, h in columns.items()}
@@ -132,8 +133,6 @@ def _disagreement(
     length, step = float(time[-1] - time[0]), float(np.median(np.diff(time)))
     least = FEW_SECONDS if ship is None else MIN_LENGTH * ship.time_unit
     odd = ODD * (length < least) + ODD * (length > MANY_SECONDS or step > 100.0)
-    if any(np.abs(v).max() > MAX_VALUE for v in values.values()):  # no time mends that; they are refused afterwards
-        return odd
     if "psi" in values:
         sizes = _sizes("psi", columns["psi"])
         rates = [smoothed(time, np.unwrap(values["psi"] * size), window(time))[1] for size in sizes.values()]

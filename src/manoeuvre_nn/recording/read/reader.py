@@ -25,7 +25,7 @@ from manoeuvre_nn.recording.read.containers import BAG_FOLDER, READERS, is_bag_f
 from manoeuvre_nn.recording.read.mapping import REQUIRED, SIDES, Mapping, with_means
 from manoeuvre_nn.recording.read.mapping_file import mapping_of
 from manoeuvre_nn.recording.read.mending import line_across, without_delays
-from manoeuvre_nn.recording.read.position import local_metres
+from manoeuvre_nn.recording.read.position import local_metres, misplaced
 from manoeuvre_nn.recording.read.quantity import COUNT, PAIRS, beyond_all
 from manoeuvre_nn.recording.read.table import TEXT, Table, read_table
 
@@ -219,6 +219,8 @@ def _time(table: Table, mapping: Mapping, ship: Particulars, leave_gaps: bool) -
     rows = slice(first, last)
     _check_length(table.path, time[rows], mapping, ship)
     steps = np.diff(time[rows])
+    if leave_gaps:
+        table.check_holes(column, time[rows], first)
     if not leave_gaps and steps.max() > max(ship.time_unit, 5 * np.median(steps)):
         row = first + int(np.argmax(steps)) + 1
         raise table.error(
@@ -260,6 +262,7 @@ def _channel(
             "empty the cell, mind the unit, or write outliers: fill"
         )  # fmt: skip
     values[far] = np.nan  # filled with the other outliers
+    given = values.copy()
     if name in PERIODIC and where.unit != COUNT:
         there = ~(lost | far)
         values[there] = np.unwrap(values[there])
@@ -269,6 +272,10 @@ def _channel(
             f"{table.path.name}: {odd.mean():.0%} of column {column!r} lie far off their neighbours: that is noise, "
             "not outliers; write outliers: keep"
         )
+    nowhere, why = misplaced(name, np.where(odd, np.nan, given))
+    if nowhere.any() and where.unit != COUNT:
+        row = rows.start + int(np.argmax(nowhere))
+        raise table.error(column, row, f"is {table.numbers(column)[row]:.6g} {where.unit}, {why}")
     values = np.where(lost, np.nan, line_across(time, values, odd | lost))
     if not lost.any() or (leave_gaps and mapping.fill_gaps is False):
         return values, int(odd.sum()), 0

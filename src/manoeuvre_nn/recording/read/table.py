@@ -21,6 +21,8 @@ TEXT = (".csv", ".txt", ".dat")
 """Suffixes of texts; a file of any other suffix that has no reader is taken for one, too."""
 ZONED = r"T?\d\d:\d\d.*(?:Z|[+-]\d\d:?\d\d)$"
 """A time stamp that says its zone."""
+MAX_EVEN = 1e7
+"""Most samples of a record that is written at even times, unless a tenth of them are there: holes take memory, too."""
 TOP = 400
 """Lines, after those to be skipped, among which headings are looked for first."""
 MEMORY_IN_BLOCKS, MEMORY_BY_LINE = 3.0, 20.0
@@ -122,10 +124,29 @@ class Table:
         """Refuse sample times that lack one or do not increase."""
         if np.isnan(time).any():
             row = int(np.argmax(np.isnan(time)))
+            cell = self.text(column).iloc[row]
+            if cell.lower() not in EMPTY:
+                raise self.error(column, row, f"is {cell[:40]!r}, no number; mend this cell, or delete the {self.row}")
             raise self.error(column, row, "is empty; a sample without a time cannot be used")
         if (np.diff(time) <= 0).any():
             row = int(np.argmax(np.diff(time) <= 0)) + 1
             raise self.error(column, row, f"goes from {time[row - 1]:.12g} to {time[row]:.12g}; times must increase")
+
+    def check_holes(self, column: str, time: Float[np.ndarray, " n"], first: int = 0) -> None:
+        """Refuse a hole for which a record at even times would take far more samples than there are: a wrong time.
+
+        Args:
+            column: Its heading.
+            time: Sample times that increase.
+            first: Row of the first of them, counted from 0.
+        """
+        steps = np.diff(time)
+        usual, row = float(np.median(steps)), int(np.argmax(steps)) + 1
+        if float(time[-1] - time[0]) > max(MAX_EVEN, 10.0 * len(time)) * usual:
+            raise self.error(
+                column, first + row, f"jumps from {time[row - 1]:.12g} to {time[row]:.12g}, where steps of "
+                f"{usual:.4g} are usual: mend this time, or cut the file in two at this hole"
+            )  # fmt: skip
 
     def _check_stamps(self, column: str, values: Float[np.ndarray, " n"], text: "pd.Series[str]", such: str) -> None:
         """Refuse what is no time."""
