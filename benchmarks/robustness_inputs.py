@@ -10,6 +10,8 @@ What is tried, by the part of the number that is drawn:
   a hole or a number beyond all ships, it **must be refused**. A change that leaves another well-formed number cannot be
   told from a measurement: then either is right, a refusal or exactly that number.
 - *proposed*: a file whose headings name its channels and units; what ``import`` proposes and does not doubt is right.
+- *log*: a workbook, a log of NMEA 0183, a bag, an MCAP or a MAT 7.3 file, whole or damaged: ``import`` **must read** a
+  whole one, and refuse a damaged one in one line or read what is left of it.
 - *faults*: a recording whose channels contradict each other or the ship (robustness_faults.py says which): it **must be
   reported** by the checks or refused; the same without a fault must not be.
 - *mapping, effects, manifest, manoeuvre, ship, records*: one value of a file of settings is changed
@@ -27,6 +29,7 @@ from pathlib import Path
 
 import numpy as np
 import robustness_faults
+import robustness_logs
 import robustness_recordings
 import robustness_settings
 import robustness_traps
@@ -44,6 +47,7 @@ KINDS: dict[str, tuple[float, Callable[[np.random.Generator, Path], Tried]]] = {
     "rewritten": (0.2, robustness_recordings.rewritten),
     "spoilt": (0.3, robustness_recordings.spoilt),
     "container": (0.05, robustness_recordings.container),
+    "log": (0.03, robustness_logs.damaged),
     "proposed": (0.03, robustness_recordings.proposed),
     "faults": (0.15, robustness_faults.attack),
     **robustness_settings.KINDS,
