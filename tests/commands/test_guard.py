@@ -237,3 +237,17 @@ def test_how_loud_a_command_is_may_be_said_before_it(monkeypatch, capsys):
     with pytest.raises(SystemExit) as end:
         main.main()
     assert end.value.code == 2 and capsys.readouterr().err.startswith("error: there is no command nowhere; choose")
+
+
+@pytest.mark.parametrize("command", ["simulate", "compare"])
+def test_a_working_folder_that_was_removed_is_told(command, tmp_path, monkeypatch, capsys):
+    (tmp_path / "gone").mkdir()
+    monkeypatch.chdir(tmp_path / "gone")
+    (tmp_path / "gone").rmdir()
+    with pytest.raises(SystemExit) as end:
+        main.run(command, [])
+    told = capsys.readouterr().err
+    assert (
+        end.value.code == 2
+        and told == "error: the folder in which you are is not there any more: go to another one (cd ..)\n"
+    )

@@ -9,6 +9,7 @@ import sys
 import tempfile
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -183,6 +184,20 @@ def test_what_a_library_makes_of_ctrl_c_is_still_ctrl_c(capsys):
             raise ImportError("cannot import a module") from stop
 
     assert ended(act, capsys) == (130, "stopped by ctrl-C")
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_of_which_a_library_leaves_no_trace_is_still_told(number, code, capsys):
+    def act(stopped=True):
+        if stopped:
+            with suppress(KeyboardInterrupt):  # as matplotlib's C++ does
+                signal.raise_signal(number)
+        raise ValueError("Invalid affine transformation matrix")
+
+    assert ended(act, capsys) == (code, "stopped by SIGTERM" if code == 143 else "stopped by ctrl-C")
+    code, told = ended(lambda: act(False), capsys)
+    Path(told.rpartition(" ")[2]).unlink()
+    assert code == 1
 
 
 @pytest.mark.parametrize(

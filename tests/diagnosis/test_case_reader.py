@@ -1,6 +1,7 @@
 """A folder of runs in, runs ready for diagnosis out."""
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 
@@ -194,6 +195,12 @@ def test_helm_orders_are_told_from_the_rudder():
 def test_a_rudder_that_was_ordered_over_as_the_recording_began_is_seen_to_move(usual):
     turn = next(run for run in usual.runs if run.name == "tc1")
     assert abs(turn["delta"][0]) < 1 * DEGREE and turn["delta"][20] > 24 * DEGREE
+
+
+def test_a_name_that_is_no_text_is_refused_before_anything_is_read(tmp_path):
+    (tmp_path / os.fsdecode(b"z\xff.csv")).write_text("")
+    with pytest.raises(InputError, match=r"recording: name 'z\\udcff' is no plain name; write one of up to"):
+        read_runs(tmp_path, esso_190k())
 
 
 def test_another_file_format_is_the_same_run(tmp_path, usual):

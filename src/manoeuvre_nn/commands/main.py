@@ -95,6 +95,7 @@ def run(command: str, words: list[str] | None = None) -> None:
         if "--version" in words:
             print(__version__)
             return
+        _check_place()
         words, quiet, verbose = _loudness([of_home(word, hydras=command in TASKS) for word in words])
     be_quiet(quiet)
     if command in OF_FILES:
@@ -111,6 +112,14 @@ def run(command: str, words: list[str] | None = None) -> None:
     guard.guarded(
         hydra.main(version_base="1.3", config_path=str(CONF), config_name=config)(_task(command, quiet, verbose))
     )
+
+
+def _check_place() -> None:
+    """Refuse to begin in a folder that was removed meanwhile, in which no library could be loaded."""
+    try:
+        os.getcwd()
+    except OSError as error:
+        raise InputError("the folder in which you are is not there any more: go to another one (cd ..)") from error
 
 
 def _loudness(words: Sequence[str]) -> tuple[list[str], bool, bool]:

@@ -31,6 +31,8 @@ AGAIN_S = 0.05
 """After this long a signal that was lost is sent again [s]."""
 LOOK_S = 0.5
 """How often a process that another began looks whether that one is still there [s]."""
+_came: list[KeyboardInterrupt] = []
+"""What signals stopped the command that runs: a library may have made something else of it."""
 WATCH = "watch of the parent"
 """Name of the thread that looks."""
 ANOTHER_FOLDER = "choose another folder (out=)"
@@ -141,6 +143,8 @@ def one_line(explained: Callable[[BaseException], str | None] = explain) -> Gene
         if isinstance(error, BrokenPipeError) and _nobody_reads(sys.stdout):
             raise SystemExit(UNREAD) from None
         line = explained(error)
+        if line is None and _came:
+            raise SystemExit(_stopped(_came[-1])) from None
         if line is not None:
             _tell(f"error: {line}")
             raise SystemExit(WRONG_INPUT) from None
@@ -221,10 +225,12 @@ def _signals_raised() -> Generator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield
         return
+    if not _ours():
+        _came.clear()
     unraisable = sys.unraisablehook
     before = {signal.SIGTERM: signal.signal(signal.SIGTERM, _raise_terminated)}
-    if signal.getsignal(signal.SIGINT) is _end_now:
-        before[signal.SIGINT] = signal.signal(signal.SIGINT, signal.default_int_handler)
+    if signal.getsignal(signal.SIGINT) in {_end_now, signal.default_int_handler}:
+        before[signal.SIGINT] = signal.signal(signal.SIGINT, _raise_interrupted)
     sys.unraisablehook = partial(_raise_again, unraisable)
     try:
         yield
@@ -246,7 +252,13 @@ def _raise_again(told: Callable[[Any], Any], lost: Any) -> None:
 
 
 def _raise_terminated(number: int, frame: FrameType | None) -> None:
+    _came.append(Terminated())
     raise Terminated
+
+
+def _raise_interrupted(number: int, frame: FrameType | None) -> None:
+    _came.append(KeyboardInterrupt())
+    raise KeyboardInterrupt
 
 
 @contextmanager

@@ -13,6 +13,7 @@ from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.particulars import Particulars
+from manoeuvre_nn.core.plain_text import check_name
 from manoeuvre_nn.core.recording import CAMPAIGN, Recording
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import DEGREE, KNOT
@@ -235,6 +236,7 @@ def _read_run(
     path: Path, entry: Mapping[str, Any], ship: Particulars, asked: RunSettings, mapping: ChannelMapping
 ) -> Recording:
     """One file; gaps stay where the mapping does not say that they are filled."""
+    name = check_name("recording: name", entry.get("run", path.stem))  # before anything is fitted
     if asked.mapping is None and is_written_by_package(path):
         mapping = WRITTEN
     if asked.rudder_positive_to is not None:
@@ -246,7 +248,7 @@ def _read_run(
             "case"
         )
     meta = {**run.meta, **{key: entry[key] for key in (CAMPAIGN,) if key in entry}}
-    return replace(run, name=entry.get("run", path.stem), meta=meta)
+    return replace(run, name=name, meta=meta)
 
 
 def _checked(runs: Iterable[Recording], ship: Particulars, remedy: str) -> list[Recording]:
