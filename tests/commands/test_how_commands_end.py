@@ -177,6 +177,8 @@ def test_the_time_that_is_left_is_that_of_the_pace_since_the_first_share(monkeyp
     assert work.line == "training: 10 s so far, about 40 s left"
     now[0] += 15
     assert work.line == "training: 25 s so far, about 25 s left"
+    work.say("training", 0.6)  # as a sweep says while a job goes on
+    assert work.line == "training: 25 s so far, about 25 s left"
     now[0] += 1000
     assert work.left == "longer than expected"
     work.say("drawing")

@@ -36,7 +36,8 @@ class _Work:
         if share is None:
             self.first = self.last = None
             return
-        self.last = (monotonic(), share)
+        if self.last is None or share != self.last[1]:  # a share that is told again is no older
+            self.last = (monotonic(), share)
         self.first = self.first or self.last
 
     @property

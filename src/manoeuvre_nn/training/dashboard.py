@@ -3,8 +3,9 @@
 TensorBoard puts cards into groups by what stands before the first stroke of their names, and sorts the groups.
 """
 
+import re
 from abc import ABC
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,10 @@ MAIN = ("dev_L", "rms")
 """Errors of each manoeuvre, or of each set of records, that stand in the first group."""
 
 CURVES = {
-    "Held-out": {kind: ["Multiline", [f"{HELD_OUT}/{kind}.*"]] for kind in MAIN},
-    "Training": {kind: ["Multiline", [f"{TRAINING}/.*{kind}.*"]] for kind in ("mse", "relrmse")},
+    "Held-out": {kind: f"{HELD_OUT}/{kind}.*" for kind in MAIN},
+    "Training": {"mse": f"{TRAINING}/(validation_)?mse.*", "relrmse": f"{TRAINING}/relrmse.*"},
 }
-"""A page on which curves of a kind, those of all manoeuvres, share a chart."""
+"""A page on which curves of a kind, those of all manoeuvres, share a chart: what their places match."""
 
 
 class RunLogger(Logger, ABC):
@@ -86,7 +87,7 @@ class Dashboard(RunLogger, TensorBoardLogger):
         writer = self.experiment._get_file_writer()
         for part in hparams(dict(settings), shown):
             writer.add_summary(part)
-        self.experiment.add_custom_scalars(CURVES)
+        self.experiment.add_custom_scalars(charts_of(shown))
         self.finalize("success")
 
 
@@ -96,6 +97,23 @@ def show_figures(trainer: L.Trainer, figures: Mapping[str, Any]) -> None:
         if isinstance(logger, RunLogger):
             for name, figure in figures.items():
                 logger.add_figure(name, figure, trainer.current_epoch + 1)
+
+
+def charts_of(places: Iterable[str]) -> dict[str, dict[str, list[Any]]]:
+    """The page of curves of a run: the mean squared error, and the kinds of its scores.
+
+    Args:
+        places: Where its last scores are shown.
+
+    Returns:
+        Heading -> chart -> its kind and what it shows, as TensorBoard wants it.
+    """
+    known = [f"{TRAINING}/mse", *places]
+    found = {
+        heading: {kind: ["Multiline", [such]] for kind, such in kinds.items() if any(re.match(such, p) for p in known)}
+        for heading, kinds in CURVES.items()
+    }
+    return {heading: kinds for heading, kinds in found.items() if kinds}
 
 
 def place_of(name: str) -> str:
