@@ -161,3 +161,18 @@ def test_what_each_run_has_of_its_own_is_said_to_be_that_of_the_first_and_taken_
     assert [row["parameter"] for row in parameter_rows([tide])] == ["speed, first run", "change"]
     steady = summary_sentence([replace(tide, parameters=(change,))], [tide.name], windy().proofs, True)
     assert "; with it the predicted track" in steady and "first run" not in steady
+
+
+def test_the_table_of_causes_breaks_no_word_at_80_columns():
+    sides = ("turning to starboard", "turning to port")
+    labels = ("a wrong pitch of the propeller", "another displacement", "a candidate of the rudder's zero")
+    causes = [
+        replace(c, name=label, label=label, parameters=(Value("offset_deg", 3.7, 0.53, "deg", sides=sides),))
+        for c, label in zip(windy().causes, labels, strict=False)
+    ]
+    console = Console(file=io.StringIO(), width=80)
+    print_diagnosis(replace(windy(), causes=causes, model=[labels[0]], alias={}), console)
+    shown = console.file.getvalue()
+    assert max(map(len, shown.splitlines())) <= 80
+    assert all(word in shown for label in labels for word in label.split())
+    assert shown.count("offset 3.70 ± 0.53 deg") == 3 and shown.count("starboard") == 3 and "throughout" in shown

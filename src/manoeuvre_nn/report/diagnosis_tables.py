@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from textwrap import fill
 from typing import Any
 
 from rich.console import Console
@@ -34,6 +35,8 @@ BEFORE, ALONE, AFTER, NOISE = "calm water", "effects alone", "repaired", "measur
 """What the columns and curves of every comparison are called."""
 FOUND = "found ± standard error"
 """Column of the parameters."""
+VALUE_WIDTH = 26
+"""Columns of a terminal after which a parameter is broken, so that causes keep their words whole."""
 UNTESTED = ": not proved"
 """How the text of a test ends that no held-out run could make."""
 MIN_LISTED, MAX_LISTED = 3, 5
@@ -237,12 +240,15 @@ def print_diagnosis(d: Diagnosis, console: Console) -> None:
 
 
 def _short_causes(d: Diagnosis) -> Table:
-    """The main causes within 80 columns: three parameters each, and the first times."""
+    """The main causes within 80 columns, broken at blanks: three parameters each, and the first times."""
     table = rich_table([
         {
             "cause": row["cause"],
             "probability": row["probability"],
-            FOUND: "\n".join(str(row[FOUND]).splitlines()[: None if row["cause"].startswith("*") else 3]),
+            FOUND: "\n".join(
+                fill(line, VALUE_WIDTH, break_on_hyphens=False)
+                for line in str(row[FOUND]).splitlines()[: None if row["cause"].startswith("*") else 3]
+            ),
             "where and when": f"{row['acts on']}; {when_text(cause, 2)}",
         }
         for cause, row in zip(main_causes(d), cause_rows(d, main_causes(d)), strict=True)
