@@ -49,6 +49,14 @@ def test_the_table_shows_what_was_chosen_and_why_and_ends_with_the_next_command(
     assert last[:5] == ["then:", "manoeuvre", "train", "ship=mariner", "data=recording"]
     assert f"data.mapping={tmp_path / 'my.yaml'}" in last and 'data.files=["zz (1).csv"]' in last
     assert max(map(len, said.splitlines()[:12])) <= 130
+    assert "put a second recording into that folder before you train" in said
+
+
+def test_where_another_recording_lies_beside_it_no_second_one_is_asked_for(recorded, tmp_path):
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).write_bytes(recorded.read_bytes())
+    said = printed(request([str(tmp_path / "a.csv"), "ship=mariner", f"out={tmp_path / 'my.yaml'}"]))
+    assert "then: manoeuvre train" in said and "second recording" not in said
 
 
 def test_what_is_undecided_is_asked_in_the_terminal_and_in_the_yaml(recorded, tmp_path):

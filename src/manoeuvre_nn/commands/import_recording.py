@@ -157,4 +157,6 @@ def next_commands(proposal: Proposal, asked: _Request) -> list[str]:
     ship = asked.ship or "SHIP"
     unknown = [] if asked.ship else ["write your ship for SHIP: a name that manoeuvre check --help lists, or your own"]
     check = f"next: manoeuvre check ship={ship} {words}"
-    return [*unknown, check, f"then: manoeuvre train ship={ship} data=recording {words}"]
+    others = any(p.suffix == asked.file.suffix and p.name != name and p.is_file() for p in folder.iterdir())
+    alone = [] if others else ["put a second recording into that folder before you train: one is learnt, one predicted"]
+    return [*unknown, *alone, check, f"then: manoeuvre train ship={ship} data=recording {words}"]
