@@ -295,8 +295,8 @@ def test_a_heading_cannot_break_out_of_its_line_in_the_yaml(zz20, ship, tmp_path
 
 def test_times_that_cannot_be_read_are_refused_and_no_other_column_is_taken_for_time(zz20, ship, export):
     table = plain(zz20) | {"x": zz20["u"].mean() * zz20.time}
-    table["t"] = np.array([f"31.07.2020 13:{int(t) // 60:02d}:{int(t) % 60:02d}" for t in zz20.time])
-    with pytest.raises(InputError, match="column 't' is '31.07.2020 13:00:00'; expected seconds, 13:04:24.5 or"):
+    table["t"] = np.array([f"31 July 13:{int(t) // 60:02d}:{int(t) % 60:02d}" for t in zz20.time])
+    with pytest.raises(InputError, match="column 't' is '31 July 13:00:00'; expected seconds, 13:04:24.5 or"):
         propose(export(table), ship)
     with pytest.raises(InputError, match="no column of time"):
         propose(export({k: v for k, v in table.items() if k != "t"}), ship)

@@ -14,6 +14,7 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.plain_text import listed
 from manoeuvre_nn.recording.propose.headings import Heading, take_apart
 from manoeuvre_nn.recording.read.containers import reader_of
+from manoeuvre_nn.recording.read.dates import DATED
 from manoeuvre_nn.recording.read.mapping import Mapping
 from manoeuvre_nn.recording.read.table import Table, numbers_in, read_table
 from manoeuvre_nn.recording.read.text import EMPTY, cells_of, is_blank, lines_of
@@ -25,7 +26,7 @@ NUMBER = {
     "point": re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eEdD][+-]?\d+)?"),
     "comma": re.compile(r"[+-]?(\d+(,\d*)?|,\d+)([eEdD][+-]?\d+)?"),
 }
-STAMP = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d.*)?|\d{1,2}:\d\d:\d\d([.,]\d+)?(Z|[+-]\d\d:?\d\d)?")
+STAMP = re.compile(r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d.*)?|\d{1,2}:\d\d:\d\d([.,]\d+)?(Z|[+-]\d\d:?\d\d)?|" + DATED)
 MOSTLY = 0.8
 """Share of numbers that makes a column one of numbers."""
 

@@ -13,6 +13,7 @@ from manoeuvre_nn.core.memory import check_memory
 from manoeuvre_nn.core.plain_text import listed
 from manoeuvre_nn.recording.read import bags, excel, matlab, nmea  # noqa: F401  each registers what it reads
 from manoeuvre_nn.recording.read.containers import NOTES, QUESTIONS, check_there, columns_in, reader_of
+from manoeuvre_nn.recording.read.dates import stamps_of, unlike
 from manoeuvre_nn.recording.read.logger_stamps import without_midnights
 from manoeuvre_nn.recording.read.quantity import STAMPS
 from manoeuvre_nn.recording.read.text import EMPTY, INEXACT, cells_of, even_frame, is_blank, lines_of
@@ -88,8 +89,8 @@ class Table:
 
         Args:
             column: Its heading.
-            unit: ``iso`` for date and time, ``clock`` for the time of day, which may pass midnight; any other for
-                numbers.
+            unit: ``iso`` for date and time, see :func:`stamps_of`; ``clock`` for the time of day, which may pass
+                midnight; any other for numbers.
             zone: Where the clock stood, for stamps that do not say it; None is UTC.
 
         Returns:
@@ -105,11 +106,20 @@ class Table:
             return without_midnights(day)
         given = self.cells[column]
         if pd.api.types.is_datetime64_any_dtype(given):
-            times, text = given, given.astype(str)
+            text, (times, *others) = given.astype(str), [given]
         else:
             text = self.text(column)
             zoned = bool(text.str.contains(ZONED).any())
-            times = pd.to_datetime(text, errors="coerce", format="ISO8601", utc=zoned)
+            times, *others = (
+                pd.to_datetime(stamps, errors="coerce", format="ISO8601", utc=zoned) for stamps in stamps_of(text)
+            )
+        row = next((row for other in others if (row := unlike(times, other)) is not None), None)
+        if row is not None:
+            raise self.error(
+                column,
+                row,
+                f"is {text.iloc[row][:40]!r}, where day and month can be exchanged; write it 2020-07-31T13:04:24.5",
+            )
         if times.dt.tz is None:
             times = times.dt.tz_localize(zone or "UTC", ambiguous="NaT", nonexistent="NaT")
         seconds = (times.dt.tz_convert("UTC") - pd.Timestamp(0, tz="UTC")).dt.total_seconds()
