@@ -115,7 +115,7 @@ def _results(scores: Mapping[str, Any]) -> dict[str, Any]:
     return {name: _cell(value) for name, value in row.items() if value is not None}
 
 
-def _cell(value: Any) -> str | float:
+def _cell(value: Any) -> str | int | float:
     """A result as a cell: lists and tables, which only a damaged file holds there, as text."""
     return value if isinstance(value, str | int | float) else str(value)
 
