@@ -168,7 +168,7 @@ def test_the_same_command_has_nothing_to_do_and_another_is_refused(found, record
     assert ended.code == 0 and "holds this diagnosis already: nothing to do" in ended.out
     assert (found / "answer.json").stat().st_mtime_ns == before
     other = diagnose(capsys, found, *words, "candidates=[current]")
-    assert other.code == 2 and "choose another out or remove the folder" in other.err
+    assert other.code == 2 and "choose another out= or remove the folder" in other.err
 
 
 @pytest.fixture(scope="module")

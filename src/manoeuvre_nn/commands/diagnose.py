@@ -66,7 +66,7 @@ def answer_cases(cfg: DictConfig, out: Path, console: Console) -> None:
         raise InputError("ship= goes with recordings=: the ship of a case is in its manifest.json")
     kept = OmegaConf.masked_copy(cfg, OF_ANSWERS)
     common = setup(cfg)
-    check_same_run(kept, out, "out")
+    check_same_run(kept, out)
     write_provenance(kept, out)
     todo = [f for f in folders if not (out / f.name / ANSWER).is_file()]
     answered, failed = [], []
@@ -147,7 +147,7 @@ def diagnose_recordings(cfg: DictConfig, out: Path, console: Console) -> None:
     common = setup(cfg)
     with waiting(console, "reading and checking the recordings"):
         case = common.runs()
-    check_same_run(cfg, out, "out")
+    check_same_run(cfg, out)
     if (out / ANSWER).is_file():
         console.print(f"{out} holds this diagnosis already: nothing to do", soft_wrap=True)
         return

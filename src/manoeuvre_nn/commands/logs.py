@@ -8,6 +8,7 @@ from pathlib import Path
 
 from manoeuvre_nn.commands import guard
 from manoeuvre_nn.core.ending import full_story, stopped_by
+from manoeuvre_nn.core.plain_text import harmless
 from manoeuvre_nn.core.terminal import LOG
 
 FILE = "run.log"
@@ -50,7 +51,7 @@ def logged(out: Path, command: str, verbose: bool = False) -> Generator[None]:
     for one in (LOG, WARNINGS, *(others if verbose else ())):
         one.disabled = False  # hydra disables all that it meets
     logging.captureWarnings(True)
-    LOG.info("begun: %s", command)
+    LOG.info("begun: %s", harmless(command))
     try:
         yield
         LOG.info("done")

@@ -42,13 +42,12 @@ def write_provenance(cfg: DictConfig, out: Path) -> None:
     write_file(out / CONFIG, text)  # two processes may share the folder: neither reads half a file
 
 
-def check_same_run(cfg: DictConfig, out: Path, setting: str = "out") -> None:
+def check_same_run(cfg: DictConfig, out: Path) -> None:
     """Refuse to go on in a folder that holds a run with other settings.
 
     Args:
         cfg: The config.
         out: Output folder.
-        setting: What chooses the folder, for the message.
 
     Raises:
         InputError: If a setting differs; the message names it.
@@ -58,7 +57,7 @@ def check_same_run(cfg: DictConfig, out: Path, setting: str = "out") -> None:
     try:
         before = flat(without_format(load_yaml(out / CONFIG), str(out / CONFIG)))
     except (InputError, AttributeError, TypeError, ValueError) as error:
-        raise InputError(f"{out / CONFIG} is damaged: remove the folder or choose another {setting}") from error
+        raise InputError(f"{out / CONFIG} is damaged: remove the folder or choose another out=") from error
     before = {k: v for k, v in before.items() if not k.startswith("versions.")}
     # The round trip through yaml makes both sides the same kind of number.
     now = flat(yaml.safe_load(yaml.safe_dump(plain(cfg))))
@@ -67,7 +66,7 @@ def check_same_run(cfg: DictConfig, out: Path, setting: str = "out") -> None:
         if compared and before.get(key) != now.get(key):
             raise InputError(
                 f"{out} holds a run with {key}={before.get(key)}, this one has {key}={now.get(key)}: "
-                f"choose another {setting} or remove the folder"
+                "choose another out= or remove the folder"
             )
 
 
