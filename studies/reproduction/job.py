@@ -152,7 +152,7 @@ def reproduce(job: ReproductionJob, console: Console) -> None:
     """
     began = monotonic()
     settings = OmegaConf.create(job.numbers)
-    check_same_run(settings, job.out, "out")
+    check_same_run(settings, job.out)
     before = {name: done for name in job.chapters if (done := read_kept(job, name))}
     write_provenance(settings, job.out)
     try:
