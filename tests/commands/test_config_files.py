@@ -208,6 +208,7 @@ def test_objects_are_passed_on_as_they_are():
         ),
         (wang_network, {"hidden": "many"}, "hidden=many: expected a whole number"),
         (wang_network, {"hidden": 3.5}, "hidden=3.5: expected a whole number"),
+        (wang_network, {"spread": 10**21}, f"spread={10**21}: expected a number of at most 9.2e+18"),
         (wang_network, {"spread": "wide"}, "spread=wide: expected a number"),
         (zigzag, {"rudder_deg": 20, "duration": "long"}, "duration=long: expected a number or null"),
         (Current, {"ship": None, "speed": "fast"}, "speed=fast: expected a number"),

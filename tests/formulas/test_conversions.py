@@ -1,6 +1,7 @@
 """Coefficients for other simulators: fitted, read back from what was written, at a price that is told."""
 
 from functools import cache
+from math import inf
 
 import numpy as np
 import pytest
@@ -13,11 +14,12 @@ from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.formulas import conversions, rollouts
-from manoeuvre_nn.formulas.conversions import inertia_of, product_of, rigid_body, samples_of
+from manoeuvre_nn.formulas.conversions import inertia_of, price, product_of, rigid_body, samples_of
 from manoeuvre_nn.formulas.formats import write_down
 from manoeuvre_nn.formulas.gazebo import GazeboShip, sdf_text
 from manoeuvre_nn.formulas.models import to_program
 from manoeuvre_nn.formulas.mss import NUMBER, mss_ship, mss_text
+from manoeuvre_nn.formulas.rollouts import TrackDeviation
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.ship.mariner import mariner, mariner_chislett1965
 
@@ -98,3 +100,9 @@ def test_what_has_no_such_coefficients_is_refused_with_what_is_possible(kind):
         write_down(written("current"), kind)
     with pytest.raises(InputError, match="models of a ship's motion: write format=c for a response"):
         write_down(to_program(model("response")), kind)
+
+
+def test_a_track_that_ends_before_the_other_is_told_so():
+    near, lost = TrackDeviation("zz20", 0.2, 0.1), TrackDeviation("tc25", inf, inf)
+    assert price([near, lost])[0] == "zz20: the track deviates from the model's by 0.2 L at most, 0.1 L rms"
+    assert price([lost]) == ["tc25: it leaves the physical range where the model does not, or the model does"]

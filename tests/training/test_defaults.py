@@ -21,7 +21,7 @@ from manoeuvre_nn.training.closed_loop_fit import ClosedLoopSettings, as_stored,
 from manoeuvre_nn.training.recursive_windows import RecursiveFitSettings
 from manoeuvre_nn.training.rollout_refinement import Refinement
 from manoeuvre_nn.training.rollout_score import GENERALIZATION, MONITOR, RolloutScore
-from manoeuvre_nn.training.settings import NOISE_UNITS, noise_in_si
+from manoeuvre_nn.training.settings import NOISE_UNITS, expand, noise_in_si
 
 
 def said(name: str) -> dict:
@@ -104,3 +104,8 @@ def test_an_estimation_goes_on_from_whole_numbers_alone():
     damaged[1, 2] = np.nan
     with pytest.raises(InputError, match="states is damaged"):
         taken_up(first, as_stored(replace(first, states=(part, damaged))))
+
+
+def test_a_name_of_hundreds_of_folders_is_told_with_its_beginning(tmp_path):
+    with pytest.raises(InputError, match=r"^score: (x/){100} is not in .*; it holds no recording$"):
+        expand(tmp_path, ["x/" * 500], "score")

@@ -44,6 +44,8 @@ SHELVES = {
     "logger": _Shelf(("manoeuvre_nn.training.loggers",), ("manoeuvre_nn.training.loggers.LogTo",)),
 }
 """Group of conf -> its shelf."""
+MAX_WHOLE = 2**63 - 1
+"""Largest whole number that a tensor holds."""
 SEVERAL = ("manoeuvre", "effect", "logger")
 """Groups of which several are chosen at once, each under its name."""
 
@@ -216,6 +218,8 @@ def check_arguments(function: Callable[..., Any], settings: Mapping[str, Any]) -
     others = next((p for p in known.values() if p.kind is p.VAR_KEYWORD), None)
     for name, value in settings.items():
         parameter = known.get(name, others)
+        if isinstance(value, int) and abs(value) > MAX_WHOLE:  # written with a point, it is a number like others
+            raise InputError(f"{name}={str(value)[:40]}: expected a number of at most {MAX_WHOLE:.1e}")
         if parameter and not _fits(value, parameter.annotation):
             raise InputError(f"{name}={value}: expected {_in_words(name, parameter.annotation)}")
 

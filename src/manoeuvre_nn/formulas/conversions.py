@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import prod
+from math import isfinite, prod
 
 import numpy as np
 from jaxtyping import Float
@@ -130,7 +130,6 @@ def product_of(term: str, variables: Mapping[str, np.ndarray]) -> np.ndarray:
 
 def price(deviations: Sequence[TrackDeviation]) -> list[str]:
     """What a conversion costs, a line a manoeuvre."""
-    return [
-        f"{one.manoeuvre}: the track deviates from the model's by {one.largest:.3g} L at most, {one.rms:.3g} L rms"
-        for one in deviations
-    ]
+    apart = "{0.manoeuvre}: the track deviates from the model's by {0.largest:.3g} L at most, {0.rms:.3g} L rms"
+    lost = "{0.manoeuvre}: it leaves the physical range where the model does not, or the model does"
+    return [(apart if isfinite(one.largest) else lost).format(one) for one in deviations]

@@ -91,6 +91,10 @@ def noise_in_si(noise: Mapping[str, float]) -> dict[str, float]:
     return result
 
 
+MAX_PARTS, MAX_TOLD = 100, 200
+"""Folders within folders of a name that are looked through, and letters of a name that a message repeats."""
+
+
 def expand(folder: Path, names: Sequence[str], what: str) -> list[Path]:
     """File names and patterns -> paths.
 
@@ -109,9 +113,11 @@ def expand(folder: Path, names: Sequence[str], what: str) -> list[Path]:
         raise InputError(f"data.folder={folder} is not a folder: write the folder that holds the recordings")
     found: list[Path] = []
     for name in names:
-        hits = [] if Path(name).is_absolute() else sorted(folder.glob(str(name) or " "))
+        path = Path(name)
+        within = not path.is_absolute() and len(path.parts) <= MAX_PARTS
+        hits = sorted(folder.glob(str(name) or " ")) if within else []
         if not hits:
             there = ", ".join([p.name for p in recordings_in(folder)][:12]) or "no recording"
-            raise InputError(f"{what}: {name} is not in {folder}; it holds {there}")
+            raise InputError(f"{what}: {str(name)[:MAX_TOLD]} is not in {folder}; it holds {there}")
         found += hits
     return found
