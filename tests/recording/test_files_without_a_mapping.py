@@ -108,6 +108,11 @@ def test_a_mapping_that_is_more_than_data_or_says_nothing_is_refused_in_a_line(t
     assert told in str(refused.value) and "\n" not in str(refused.value)
 
 
+def test_a_mapping_that_is_a_number_is_refused():
+    with pytest.raises(InputError, match=r"^mapping=1e\+308: expected the path of a yaml, or a name"):
+        read_mapping(1e308)
+
+
 def test_a_side_that_is_written_stands_over_that_of_the_mapping(zz20, tmp_path):
     zz20.with_channels(delta=-zz20["delta"], delta_order=-zz20["delta_order"]).to_csv(tmp_path / "a.csv")
     with pytest.raises(InputError, match="rudder sign opposite to the turn"):

@@ -78,8 +78,8 @@ def test_the_longitudinal_metacentric_height_is_near_the_published_one():
     [
         ({"breadth": 180.0}, "length > breadth > draught"),
         ({"block": 0.75}, "block < waterplane < 1"),
-        ({"centre": 40.0}, "no hull has this block coefficient and LCB"),
-        ({"flotation": -60.0}, "no hull has this waterplane coefficient and LCF"),
+        ({"centre": 40.0}, r"no hull has this block coefficient and LCB \(form.block, form.centre\): "),
+        ({"flotation": -60.0}, r"coefficient and LCF \(form.waterplane, form.flotation\): fullness"),
         ({"gyradius": 0.5}, "gyradius 0.5 and"),
         ({"weight_height": float("nan")}, "weight_height nan: write"),
     ],

@@ -214,6 +214,7 @@ def test_only_a_length_of_the_approach_is_trained_on():
         ({"weights": {"u": -1.0}}, "u=-1"),
         ({"clip": 0.0}, "clip"),
         ({"choose_by": "luck"}, "luck"),
+        ({"weights": {"v": float("inf")}}, "fit.weights: v=inf: expected a finite number from 0"),
     ],
 )
 def test_settings_that_make_no_sense_are_refused_in_one_line(change, words):

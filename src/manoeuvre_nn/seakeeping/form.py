@@ -83,8 +83,18 @@ class HullForm:
     def _sections(self) -> tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]:
         """Half-breadth of the design waterline [m] and exponent n by t = 2x/L."""
         half = self.length / 2
-        area = _curve(self.block / self.midship, self.centre / half, AREA_POWER, "block coefficient and LCB")
-        line = _curve(self.waterplane, self.flotation / half, WATERLINE_POWER, "waterplane coefficient and LCF")
+        area = _curve(
+            self.block / self.midship,
+            self.centre / half,
+            AREA_POWER,
+            "block coefficient and LCB (form.block, form.centre)",
+        )
+        line = _curve(
+            self.waterplane,
+            self.flotation / half,
+            WATERLINE_POWER,
+            "waterplane coefficient and LCF (form.waterplane, form.flotation)",
+        )
 
         def exponent(t: np.ndarray) -> np.ndarray:
             fullness = self.midship * area(t) / np.maximum(line(t), 1e-12)
@@ -134,7 +144,7 @@ def _curve(fullness: float, centre: float, power: float, what: str) -> Callable[
 
     found = root(missed, np.log([2.0, 2.0]))
     if not found.success or np.abs(found.fun).max() > 1e-9:
-        raise InputError(f"no hull has this {what}: fullness {fullness:.3f} with its centre at {centre:.3f} L/2")
+        raise InputError(f"no hull has this {what}: fullness {fullness:.3f} with its centre at {centre:.3g} L/2")
     aft, fore = np.exp(found.x).tolist()
     return lambda t: (1 - np.abs(t) ** np.where(t < 0, aft, fore)) ** power
 

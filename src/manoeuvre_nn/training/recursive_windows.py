@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from math import cos, pi
+from math import cos, inf, pi
 from typing import NamedTuple
 
 import numpy as np
@@ -107,8 +107,8 @@ class RecursiveFitSettings:
         known = ("u", "v", "w", "p", "q", "r", "phi", "theta", "psi")
         for name, weight in self.weights.items():
             check_choice("fit.weights", name, list(known))
-            if not weight >= 0:
-                raise InputError(f"fit.weights: {name}={weight}: expected a number from 0")
+            if not 0 <= weight < inf:
+                raise InputError(f"fit.weights: {name}={weight}: expected a finite number from 0")
         if not self.clip > 0 or not self.weight_decay >= 0:
             raise InputError(f"fit.clip={self.clip}, fit.weight_decay={self.weight_decay}: expected > 0 and >= 0")
         if not self.stages:

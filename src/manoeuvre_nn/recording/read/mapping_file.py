@@ -42,6 +42,8 @@ def read_captive_mapping(name: str | Path | None, own: str | Path | None = None)
 
 def _content(setting: str, name: str | Path, own: str | Path | None) -> Any:
     """What a yaml holds that a setting gives by its name or its path."""
+    if not isinstance(name, str | Path):
+        raise InputError(f"{setting}={name}: expected the path of a yaml, or a name in conf/recording/")
     folders = [CONF, *([Path(own)] if own else [])]
     named = [folder / "recording" / f"{name}.yaml" for folder in folders]
     try:
