@@ -117,3 +117,8 @@ def test_a_job_of_a_sweep_is_called_by_what_was_changed(words, names):
 
 def test_the_words_of_a_single_run_stay_as_they_are():
     assert with_job_names(["network.hidden=7", "--cfg", "job"]) == ["network.hidden=7", "--cfg", "job"]
+
+
+def test_a_run_that_is_no_path_is_refused_by_its_setting():
+    with pytest.raises(InputError, match="^run="):
+        compose("coefficients", ["run={a: 1}"])

@@ -304,7 +304,7 @@ def _task_name(task: str, data: Any) -> str:
 def _run_name(ship: Any, manoeuvre: Any, data: Any, effect: Any = None, run: str | None = None) -> str:
     """Ship, manoeuvres and effects joined, or ``recordings``, or the name of a run: what the folder is called after."""
     if run is not None:
-        return Path(run).absolute().name
+        return Path(str(run)).absolute().name
     sailed = [k for k in manoeuvre if k not in COMMON] + list(effect or {})
     return "_".join([_ship_name(ship), *(["recordings"] if "files" in data else sailed)])
 
