@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from manoeuvre_nn.commands.compare import compare, request, settings_of
+from manoeuvre_nn.commands.main import OF_FILES, _of_files
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.terminal import Terminal
 
@@ -160,3 +161,16 @@ def test_odd_results_and_names_of_folders_are_shown_as_text(tmp_path, asked):
     rows, _, file = asked("a", os.fsdecode(b"r\xff"))
     assert [row["job"] for row in rows] == [row["job"] for row in file] == [r"r\udcff", "a"]
     assert rows[1]["seed"] == "[1, 2]" and rows[1]["verdict"] == "{'x': 1}"
+
+
+@pytest.mark.parametrize("columns", ["80", None])
+def test_what_is_printed_into_a_file_is_as_wide_as_columns_says(tmp_path, monkeypatch, capsys, columns):
+    monkeypatch.chdir(tmp_path)
+    for k in range(3):
+        run(tmp_path / f"{k}", {f"manoeuvre{a}": 0.1 * k for a in range(7)}, seed=k)
+    monkeypatch.delenv("COLUMNS", raising=False)
+    if columns:
+        monkeypatch.setenv("COLUMNS", columns)
+    _of_files(OF_FILES["compare"], ["0", "1", "2", "out=table"])
+    table = [line for line in capsys.readouterr().out.splitlines() if not line.startswith(("table:", "note:"))]
+    assert (max(map(len, table)) <= 80) == bool(columns)

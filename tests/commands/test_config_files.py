@@ -22,6 +22,7 @@ from manoeuvre_nn.manoeuvre.zigzag import mixed_zigzag, zigzag
 from manoeuvre_nn.network.perceptron import rajesh_network, wang_network
 from manoeuvre_nn.recording.read.mapping_file import read_captive_mapping
 from manoeuvre_nn.ship.mariner import mariner
+from manoeuvre_nn.ship.own import own_particulars
 
 CONF = Path(__file__).parents[2] / "conf"
 
@@ -200,7 +201,17 @@ def test_objects_are_passed_on_as_they_are():
 @pytest.mark.parametrize(
     "target, settings, told",
     [
-        (zigzag, {"rudder_deg": 20, "foo": 1}, "settings of zigzag: got an unexpected keyword argument 'foo'"),
+        (
+            zigzag,
+            {"rudder_deg": 20, "foo": 1},
+            "settings of zigzag: foo is unknown; it has rudder_deg, heading_deg, first, executes, duration, start_deg, "
+            "name",
+        ),
+        (
+            own_particulars,
+            {"name": "ferry", "length": 120, "breadth": 20, "draught": 5, "block": 0.6, "speed_kn": 18},
+            "settings of OwnParticulars: beam is missing: write it in the yaml, in the place of breadth",
+        ),
         (
             zigzag,
             {"rudder": 20},

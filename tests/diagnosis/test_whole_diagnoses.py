@@ -21,6 +21,7 @@ from manoeuvre_nn.diagnosis import diagnose as under_test
 from manoeuvre_nn.diagnosis.answers import answer
 from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.diagnose import diagnose
+from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS
 from manoeuvre_nn.diagnosis.result import Diagnosis
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.rollout import roll_out
@@ -108,6 +109,9 @@ def probability(d: Diagnosis, name: str) -> float:
 def test_a_current_is_named_with_its_speed_and_direction():
     d = with_a_network_to_try("current")
     assert (d.verdict, d.model, d.causes[0].name) == ("mismatch", ["current"], "current")
+    (sails,) = [c for c in d.checks if c.name == REPAIRED_SAILS]
+    over_noise = max(error / d.noise[c] for c, error in d.rmse("after").items() if error / d.noise[c] > 0)
+    assert sails.passed and f"RMS errors are up to {over_noise:.2g} times the measurement noise" in sails.text
     assert probability(d, "current") > 0.9
     found = {v.name: v for v in d.causes[0].parameters}
     assert abs(found["speed"].value - 0.7) < 4 * found["speed"].error < 0.1

@@ -22,6 +22,18 @@ def test_a_file_whose_dates_are_written_otherwise_is_read(zz20, frame, write, co
     np.testing.assert_allclose(record.time, np.floor(zz20.time))
 
 
+@pytest.mark.parametrize("days", [("2026-05-02", "2026-05-03"), ("02.05.2026", "03.05.2026"), ("2/5/2026", "3/5/2026")])
+def test_a_date_and_a_time_of_day_in_two_columns_are_read_past_midnight(zz20, frame, write, columns, ship, days):
+    clock = 86380 + frame["t"].astype(int)
+    frame["Date"] = [days[s >= DAY] for s in clock]
+    frame["Time"] = [f"{s // 3600 % 24:02d}:{s // 60 % 60:02d}:{s % 60:02d}" for s in clock]
+    frame = frame[["Date", "Time", *frame.columns.difference(["Date", "Time", "t"], sort=False)]]
+    path = write(frame.to_csv(sep=";", index=False))
+    assert propose(path, ship).settings["time"] == {"column": "Time", "unit": "clock"}
+    record = read_recording(path, columns(time={"column": "Time", "unit": "clock"}, delimiter=";"), ship)
+    np.testing.assert_allclose(record.time, np.floor(zz20.time))
+
+
 @pytest.mark.parametrize(("first", "second", "apart"), [
     ("31/05/2026 23:59:50", "01/06/2026 00:00:00", 10.0), ("05/31/2026 11:59:50 PM", "06/01/2026 12:00:00 am", 10.0),
     ("11.05.2026 09:00:00", "12.05.2026 09:00", DAY), ("05/05/2026 09:00:00", "06/06/2026 09:00:00", 32 * DAY),

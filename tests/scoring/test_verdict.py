@@ -12,7 +12,16 @@ from manoeuvre_nn.scoring.verdict import CLOSER, MAX_DEV_L, model_verdict
 
 TIME = np.arange(5.0)
 RUNS = [
-    Recording(name, TIME, {"u": speed - 0.2 * TIME, "delta": np.array([0, -1, 1, np.nan, 0.5]) * angle * DEGREE})
+    Recording(
+        name,
+        TIME,
+        {
+            "u": speed - 0.2 * TIME,
+            "v": 0.1 * TIME,
+            "r": 0.01 * TIME,
+            "delta": np.array([0, -1, 1, np.nan, 0.5]) * angle * DEGREE,
+        },
+    )
     for name, speed, angle in (("zz20", 7.0, 20.0), ("tc35", 8.0, 35.0))
 ]
 
@@ -56,6 +65,29 @@ def test_one_that_breaks_down_anywhere_is_not_to_be_used():
     own[1] = replace(own[1], status="left the physical range at 30 s")
     found = judged(own)
     assert found.word == "do not use" and found.sentence == "Do not use: tc35 left the physical range at 30 s."
+
+
+def scaled(run, **by):
+    return replace(run, channels=run.channels | {name: factor * run[name] for name, factor in by.items()})
+
+
+@pytest.mark.parametrize(
+    ("by", "told"),
+    [({"delta": 0.6}, "rudder"), ({"r": 0.8}, "rate of turn"), ({"v": 0.8, "u": 1.35}, "sway, speed"),
+     ({"u": 0.8}, "speed"), ({"delta": 0.95, "r": 0.95, "v": 0.95, "u": 1.05}, ""), ({"delta": 2.0, "r": -3.0}, "")],
+)  # fmt: skip
+def test_what_left_the_range_of_the_training_data_is_told(by, told):
+    trained = [scaled(run, **by) for run in RUNS]
+    close, off = (model_verdict(scores(0.1, dev), RUNS, {}, trained) for dev in (0.1, 20.0))
+    assert (f"tc35 beyond the training data in {told})" if told else "") in close.sentence and close.word == "usable"
+    assert off.missed == {"tc35": "is 20 L off" + (f" (beyond the training data in {told})" if told else "")}
+    assert ("beyond" in close.sentence) == ("beyond" in off.sentence) == bool(told)
+
+
+def test_the_range_is_that_of_all_training_data_together():
+    found = model_verdict(scores(0.1, 0.1), RUNS, {}, [RUNS[0], scaled(RUNS[1], delta=0.5)])
+    assert "tc35 beyond the training data in rudder)" in found.sentence and "zz20 beyond" not in found.sentence
+    assert "beyond" not in model_verdict(scores(0.1, 0.1), RUNS, {}, RUNS).sentence
 
 
 @pytest.mark.parametrize("dev", [np.nan, np.inf])

@@ -260,4 +260,5 @@ def _of_files(task: str, words: list[str]) -> None:
     if {"-h", "--help"} & set(words):
         print(job.HELP)
         return
-    getattr(job, function)(job.request(words), Terminal(width=None if sys.stdout.isatty() else 130))
+    width = None if sys.stdout.isatty() or "COLUMNS" in os.environ else 130
+    getattr(job, function)(job.request(words), Terminal(width=width))

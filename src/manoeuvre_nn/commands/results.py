@@ -102,7 +102,7 @@ class _Outcome:
     @cached_property
     def verdict(self) -> ModelVerdict:
         """What the model may be used for."""
-        return model_verdict(self.scores, self.data.held_out.references, self.baselines)
+        return model_verdict(self.scores, self.data.held_out.references, self.baselines, self.data.recordings)
 
     @cached_property
     def charts(self) -> dict[str, dict[str, Chart]]:

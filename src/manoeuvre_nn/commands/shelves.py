@@ -186,7 +186,8 @@ def gathered(function: Callable[..., Any], settings: Mapping[str, Any]) -> dict[
         if isinstance(left.get(name), Mapping):
             given = dict(left[name])
         elif name == "settings":
-            given = {key: left.pop(key) for key in list(left) if key in of_kind}
+            strange = () if _takes_others(function) else left.keys() - inspect.signature(function).parameters.keys()
+            given = {key: left.pop(key) for key in list(left) if key in {*of_kind, *strange}}
         else:
             continue
         check_arguments(kind, given)
@@ -206,15 +207,16 @@ def check_arguments(function: Callable[..., Any], settings: Mapping[str, Any]) -
         InputError: If one is refused.
     """
     known = inspect.signature(function).parameters
-    needed = [name for name, p in known.items() if p.default is p.empty and p.kind is p.POSITIONAL_OR_KEYWORD]
+    variable = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    needed = [name for name, p in known.items() if p.default is p.empty and p.kind not in variable]
     lacking, strange = [n for n in needed if n not in settings], [n for n in settings if n not in known]
     if lacking:
         instead = f", in the place of {strange[0]}" if strange else ""
         raise InputError(f"settings of {function.__name__}: {lacking[0]} is missing: write it in the yaml{instead}")
-    try:
-        inspect.signature(function).bind(**settings)
-    except TypeError as error:
-        raise InputError(f"settings of {function.__name__}: {error}") from error
+    if strange and not _takes_others(function):
+        possible = [name for name in known if isinstance(settings.get(name), (*PLAIN, Sequence, Mapping))]
+        choose = f"it has {', '.join(possible)}" if possible else "leave it out"
+        raise InputError(f"settings of {function.__name__}: {strange[0]} is unknown; {choose}")
     others = next((p for p in known.values() if p.kind is p.VAR_KEYWORD), None)
     for name, value in settings.items():
         parameter = known.get(name, others)
@@ -222,6 +224,11 @@ def check_arguments(function: Callable[..., Any], settings: Mapping[str, Any]) -
             raise InputError(f"{name}={str(value)[:40]}: expected a number of at most {MAX_WHOLE:.1e}")
         if parameter and not _fits(value, parameter.annotation):
             raise InputError(f"{name}={value}: expected {_in_words(name, parameter.annotation)}")
+
+
+def _takes_others(function: Callable[..., Any]) -> bool:
+    """Whether a function takes settings whatever their names."""
+    return any(p.kind is p.VAR_KEYWORD for p in inspect.signature(function).parameters.values())
 
 
 def _kinds(annotation: Any) -> set[Any]:

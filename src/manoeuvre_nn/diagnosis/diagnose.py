@@ -16,10 +16,10 @@ from manoeuvre_nn.diagnosis.fits import at_rest
 from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
 from manoeuvre_nn.diagnosis.nature import nature_of
-from manoeuvre_nn.diagnosis.predictive import calm_check, repaired_check, still_missing
+from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS, calm_check, repaired_check, still_missing
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs, prove
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
-from manoeuvre_nn.diagnosis.result import GAIN, USABLE_MODEL, Cause, Check, Diagnosis, Proof, Residual
+from manoeuvre_nn.diagnosis.result import GAIN, USABLE_MODEL, Cause, Check, Diagnosis, Proof, Residual, rmse
 from manoeuvre_nn.diagnosis.right_ship import right_ship_check
 from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SECOND, Progress, SearchResult, search
 from manoeuvre_nn.diagnosis.words import (
@@ -81,6 +81,8 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     model = ["unknown" if name == Formula.name else name for name in chosen.names if name != Remainder.name]
     checks = [*([Check(USABLE_MODEL, False, question.caveat)] if question.caveat else []), *checks]
     noise, open_still = _noise(data_set), (left_open(tried, verdict), still_missing(checks))
+    over = _over_noise(proofs, noise)
+    checks = [replace(c, text=c.text + over) if c.name == REPAIRED_SAILS else c for c in checks]
     sentence = summary_sentence(causes, model, proofs, mismatch, *open_still, noise)
     return Diagnosis(
         case=question.case.name,
@@ -289,6 +291,15 @@ def _network(fitted: FittedHypothesis) -> dict[str, float]:
         return {}
     weights = fitted.hypothesis.values[fitted.names.index(Remainder.name)][0]
     return {p.name: float(f"{w:.6g}") for p, w in zip(Remainder.declared, weights, strict=True)}
+
+
+def _over_noise(proofs: Sequence[Proof], noise: Mapping[str, float]) -> str:
+    """A clause on the largest error of the repaired model over its channel's measurement noise."""
+    ratios = {c: e / noise[c] for c, e in rmse(proofs, "after").items() if np.isfinite(e) and noise.get(c, 0.0) > 0}
+    if not ratios:
+        return ""
+    channel = max(ratios, key=lambda c: ratios[c])
+    return f"; RMS errors are up to {ratios[channel]:.2g} times the measurement noise ({channel})"
 
 
 def _noise(data_set: WhitenedDataSet) -> dict[str, float]:

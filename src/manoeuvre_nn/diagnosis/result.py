@@ -1,6 +1,6 @@
 """What a diagnosis says: plain values, nothing computed here."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -193,6 +193,26 @@ class Proof:
     rmse_alone: Mapping[str, float] = field(default_factory=dict)
 
 
+def rmse(proofs: Sequence[Proof], when: str) -> dict[str, float]:
+    """Errors of several held-out runs together.
+
+    Args:
+        proofs: The runs.
+        when: ``before``, ``after``, or ``alone``, of the effects alone.
+
+    Returns:
+        Channel -> root mean square over the runs' RMS errors; runs that did not record it are left out, NaN where none
+        did.
+    """
+    tables = [getattr(p, f"rmse_{when}") for p in proofs]
+    found = {}
+    for channel in dict.fromkeys(c for table in tables for c in table):
+        errors = np.array([table.get(channel, np.nan) for table in tables])
+        good = errors[np.isfinite(errors)]
+        found[channel] = float(np.sqrt(np.mean(good**2))) if len(good) else float("nan")
+    return found
+
+
 @dataclass(frozen=True)
 class Diagnosis:
     """The whole answer.
@@ -267,16 +287,9 @@ class Diagnosis:
         return bool(self.model) or any(p.rmse_after != p.rmse_before for p in self.proofs)
 
     def rmse(self, when: str) -> dict[str, float]:
-        """Errors of all held-out runs together, ``before``, ``after``, or of the effects ``alone``.
+        """Errors of all held-out runs together, ``before``, ``after``, or of the effects ``alone``: see :func:`rmse`.
 
         Returns:
-            Channel -> root mean square over the runs' RMS errors; runs that did not record it are left out, NaN where
-            none did.
+            Channel -> RMS error.
         """
-        tables = [getattr(p, f"rmse_{when}") for p in self.proofs]
-        found = {}
-        for channel in dict.fromkeys(c for table in tables for c in table):
-            errors = np.array([table.get(channel, np.nan) for table in tables])
-            good = errors[np.isfinite(errors)]
-            found[channel] = float(np.sqrt(np.mean(good**2))) if len(good) else float("nan")
-        return found
+        return rmse(self.proofs, when)

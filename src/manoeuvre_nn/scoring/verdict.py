@@ -19,6 +19,10 @@ MAX_CRITERION, MAX_OVERSHOOT_DEG = 0.1, 2.0
 """Relative error up to which a criterion counts as predicted [-]; of an overshoot as many degrees will do."""
 CLOSER = 2.0
 """How many times closer a simpler model must be, in the mean, to be preferred to one that misses manoeuvres."""
+RANGED = {"delta": "rudder", "v": "sway", "r": "rate of turn"}
+"""Channels whose size says how far a manoeuvre goes, beside the speed; and their names."""
+RANGE, MARGIN = 0.99, 1.1
+"""Share of the samples that makes a range, and by how much one is left: single samples are noise."""
 MAX_NAMED = 4
 """Manoeuvres that a sentence names."""
 
@@ -63,26 +67,34 @@ def model_verdict(
     scores: Sequence[Score],
     references: Sequence[Recording],
     baselines: Mapping[str, Sequence[Score]] = MappingProxyType({}),
+    trained: Sequence[Recording] = (),
 ) -> ModelVerdict:
     """Say what a model may be used for.
 
     A track is predicted if it is within :data:`MAX_DEV_L` of the recorded one, and if an ensemble's members agree to as
     much. The track of a course-unstable ship, driven by the recorded rudder, may run away while the overshoots and
     periods of her own zigzags are right: criteria count for themselves. A model that misses tracks should not be used
-    where a simpler one, made from the same data or from the ship's particulars, is closer.
+    where a simpler one, made from the same data or from the ship's particulars, is closer. Manoeuvres that left the
+    range of the training data are told.
 
     Args:
         scores: Of the held-out manoeuvres.
         references: What was recorded in them, in the same order.
         baselines: Simpler models -> their scores.
+        trained: What was trained on; empty if it is not known.
 
     Returns:
         The verdict.
     """
+    beyond = {s.manoeuvre: out for s, r in zip(scores, references, strict=True) if (out := _beyond(r, trained))}
     missed = {s.manoeuvre: why for s in scores if (why := _why_missed(s))}
+    missed |= {name: f"{missed[name]} ({out})" for name, out in beyond.items() if name in missed}
     predicted = tuple(s.manoeuvre for s in scores if s.manoeuvre not in missed)
     criteria = tuple(s.manoeuvre for s in scores if _has_criteria_of(s))
-    word, sentence = _told(scores, missed, predicted, criteria, _closer(scores, baselines), _covered(references))
+    covered = _covered(references)
+    if far := _listed([f"{name} {beyond[name]}" for name in predicted if name in beyond]):
+        covered += f" ({far})"
+    word, sentence = _told(scores, missed, predicted, criteria, _closer(scores, baselines), covered)
     return ModelVerdict(word, sentence, predicted, missed, criteria)
 
 
@@ -141,6 +153,22 @@ def _closer(scores: Sequence[Score], baselines: Mapping[str, Sequence[Score]]) -
     if not best or own <= CLOSER * means[best]:
         return ""
     return f"; the simpler model {best!r} is closer: {means[best]:.2g} L in the mean, this one {own:.2g} L"
+
+
+def _beyond(reference: Recording, trained: Sequence[Recording]) -> str:
+    """In what a manoeuvre left the range of the training data; empty if it did not, or these are not known."""
+    if not trained:
+        return ""
+
+    def largest(run: Recording, channel: str) -> float:
+        return float(np.quantile(np.abs(run.filled(channel)), RANGE))
+
+    left = [name for c, name in RANGED.items() if largest(reference, c) > MARGIN * max(largest(t, c) for t in trained)]
+    speeds = np.quantile(np.concatenate([t.filled("u") for t in trained]), (1 - RANGE, RANGE))
+    slowest, fastest = np.quantile(reference.filled("u"), (1 - RANGE, RANGE))
+    if slowest < speeds[0] / MARGIN or fastest > MARGIN * speeds[1]:
+        left.append("speed")
+    return f"beyond the training data in {', '.join(left)}" if left else ""
 
 
 def _covered(references: Sequence[Recording]) -> str:

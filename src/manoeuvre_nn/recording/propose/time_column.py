@@ -25,6 +25,8 @@ FASTEST_TURN = 0.5
 """No ship, and no model in a basin, turns faster for long [rad/s]."""
 FEW_SECONDS, MANY_SECONDS = 15.0, 2e5
 """Records are longer than the one and shorter than the other [s]."""
+DATE = r"\d{4}-\d\d-\d\d"
+"""A date without a time of day."""
 TOLD = 0.05
 """Difference of scores that decides."""
 
@@ -54,13 +56,8 @@ def choose_time(file: Sniffed, named: Named, ship: Particulars | None) -> tuple[
     if best := [h for h in called if h in rising]:
         chosen = min(best, key=lambda h: (-scores[h.column], _unevenness(file.numbers[h.column])))
         return _with_unit(file, chosen, named, ship)
-    stamped = next((h for h in file.headings if h.column not in file.numbers), None)
-    if stamped is not None:
-        seconds = file.table.times(stamped.column, stamped.unit)
-        file.table.check_rises(stamped.column, seconds)
-        file.table.check_holes(stamped.column, seconds)
-        why = "time stamps; UTC unless they say otherwise, or time_zone does"
-        return Choice("time", stamped.column, stamped.unit, why=why), seconds
+    if any(h.column not in file.numbers for h in file.headings):
+        return _stamped(file)
     if called:
         file.table.check_rises(called[0].column, file.numbers[called[0].column])
     _refuse_words(file)
@@ -72,6 +69,19 @@ def choose_time(file: Sniffed, named: Named, ship: Particulars | None) -> tuple[
             "tests has a mapping of its own: see conf/recording/kvlcc2_hmri.yaml"
         )
     return _with_unit(file, even[0], named, ship, "rises evenly; ")
+
+
+def _stamped(file: Sniffed) -> tuple[Choice, Series]:
+    """The first column of time stamps; beside a date alone, the time of day, which may pass midnight."""
+    stamped = [h for h in file.headings if h.column not in file.numbers]
+    dates = [h for h in stamped if h.unit == "iso" and file.table.text(h.column).str.fullmatch(DATE).all()]
+    chosen = next((h for h in stamped if h not in dates), stamped[0])
+    seconds = file.table.times(chosen.column, chosen.unit)
+    file.table.check_rises(chosen.column, seconds)
+    file.table.check_holes(chosen.column, seconds)
+    clock = "time of day, which may pass midnight"
+    why = clock if chosen.unit == "clock" else "time stamps; UTC unless they say otherwise, or time_zone does"
+    return Choice("time", chosen.column, chosen.unit, why=why), seconds
 
 
 def _refuse_words(file: Sniffed) -> None:
