@@ -221,23 +221,17 @@ def test_what_a_rival_cannot_imitate_is_what_is_left_of_the_difference_with_a_pr
     assert advise.left_over(np.array([[1.0, 2.0], [2.0, 1.0]]), np.array([1e6])) == 0.0, "no less than nothing"
 
 
-PLANS = [
-    ("a straight run", 0.0, 1.0,
-     {"manoeuvre": "straight", "first_turn": "starboard", "heading_deg": 0.0, "speed_share": 1.0}),
-    ("a 20/20 zigzag, first to port,", 90.0, 1.0,
-     {"manoeuvre": "zz20", "first_turn": "port", "heading_deg": 90.0, "speed_share": 1.0}),
-    ("a 35 deg turning circle to port", None, 0.5, {"manoeuvre": "tc35", "first_turn": "port", "speed_share": 0.5}),
-    ("a pull-out after a 20 deg turn", -90.0, 0.5,
-     {"manoeuvre": "po20", "first_turn": "starboard", "heading_deg": 270.0, "speed_share": 0.5}),
-    ("r01 again with the speed log", None, 1.0, {"repeat": "r01", "channel": "speed log"}),
-]  # fmt: skip
+@pytest.mark.parametrize("heading, told", [(None, {}), (0.0, {"heading_deg": 0.0}), (-90.0, {"heading_deg": 270.0})])
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_a_run_that_is_advised_is_said_for_machines(heading, told, share):
+    sailed = {"manoeuvre": "zz20", "first_turn": "port"}
+    plan = next_runs.Plan("a zigzag", sailed, None, None if heading is None else heading * DEGREE, share)
+    assert plan.as_dict == {**sailed, **told, "speed_share": share}
 
 
-@pytest.mark.parametrize("said, heading, share, run", PLANS)
-def test_a_run_that_is_advised_is_read_back_from_its_sentence(said, heading, share, run):
-    plan = next_runs.Plan(said, None, None if heading is None else heading * DEGREE, share)
-    assert next_runs.planned(f"To tell a from b (50 %): {plan.text} (expected log Bayes factor 9.0).") == run
-    assert next_runs.planned("Nothing more is needed.") is None
+def test_of_a_run_that_is_repeated_the_channel_is_said():
+    again = {"repeat": "r01", "channel": "speed log"}
+    assert next_runs.Plan("r01 again with the speed log", again, None).as_dict == again
 
 
 def test_channels_that_can_be_written_down_too_are_those_of_a_run():
@@ -303,7 +297,7 @@ def test_odds_and_probabilities_are_told_with_the_digits_that_matter():
 def unspecific(**more) -> SimpleNamespace:
     """A diagnosis that found nothing, but for what is given."""
     none = {"case": "c", "verdict": "none", "sentence": "", "doubtful": False, "causes": [], "model": [], "noise": {}}
-    return SimpleNamespace(**{**none, "checks": [], "next_steps": [], "rmse": lambda _: {}, **more})
+    return SimpleNamespace(**{**none, "checks": [], "next_run": None, "rmse": lambda _: {}, **more})
 
 
 def test_an_answer_has_the_rudder_positive_to_port_and_leaves_out_what_is_as_good_as_impossible():
@@ -325,7 +319,7 @@ def test_an_answer_has_the_rudder_positive_to_port_and_leaves_out_what_is_as_goo
         Cause("log_scale", probability=0.9e-4, parameters=(), intervals=None, **common),
     ]
     rmse = {"pos": 1.234567, "psi": float("nan")}
-    d = unspecific(causes=causes, verdict="mismatch", next_steps=["Sail on."], rmse=lambda _: rmse)
+    d = unspecific(causes=causes, verdict="mismatch", next_run={"repeat": "r1"}, rmse=lambda _: rmse)
     told = answers.answer(d)
     first, second = told["effects"]
     assert first["parameters"] == {
@@ -334,7 +328,7 @@ def test_an_answer_has_the_rudder_positive_to_port_and_leaves_out_what_is_as_goo
     ends = {"offset_deg": [-2.49, -1.8], "speed (monday)": None, "from_deg": [335.4, 14.6]}
     assert first["intervals_95"] == ends, "within what is possible, and round the compass"
     assert (first["probability"], first["intervals"], second["intervals"]) == (0.9877, {"r1": [[1.3, 3.0]]}, "all")
-    assert (second["name"], told["model"], told["next_run"]) == ("gps_lever_arm", ["unknown"], None)
+    assert (second["name"], told["model"], told["next_run"]) == ("gps_lever_arm", ["unknown"], {"repeat": "r1"})
     assert second["equation"] == ["sensor:x_north", "sensor:y_east", "sensor:u", "sensor:v"], "columns of the cases"
     assert told["heldout_rmse_before"] == {"pos": 1.2346, "psi": None}
     d.verdict = "none"

@@ -109,7 +109,7 @@ def test_the_answer_holds_what_is_known_of_something_unknown():
     ]
     more = {"sentence": "", "doubtful": False, "noise": {}, "checks": []}
     d = SimpleNamespace(
-        case="c1", verdict="mismatch", causes=causes, model=["unknown"], next_steps=[], rmse=lambda when: {}, **more
+        case="c1", verdict="mismatch", causes=causes, model=["unknown"], next_run=None, rmse=lambda when: {}, **more
     )
     unknown, current = json.loads(json.dumps(answer(d)))["effects"]
     assert unknown["nature"] == {

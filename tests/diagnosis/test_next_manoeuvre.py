@@ -14,7 +14,7 @@ from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis import words
 from manoeuvre_nn.diagnosis.advise import Ranked, advise, apart, left_over
 from manoeuvre_nn.diagnosis.checks import aliases
-from manoeuvre_nn.diagnosis.next_runs import HALF, Plan, _manoeuvres, new_runs, planned, same_runs
+from manoeuvre_nn.diagnosis.next_runs import HALF, Plan, _manoeuvres, _sailed, new_runs, same_runs
 from manoeuvre_nn.diagnosis.words import next_steps, runner_up
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.propulsion import PropellerPitchError
@@ -215,13 +215,13 @@ def verdict(best: FittedHypothesis, **effects: float) -> SimpleNamespace:
 
 def test_the_sentence_names_the_run_its_heading_and_what_is_expected_of_it():
     first, second = judged(CURRENT, evidence=30.0), judged(COMPASS, evidence=28.8)
-    (said,) = next_steps(search(first, second), verdict(first, current=0.7, heading_bias=0.28), first, True)
+    (said,), advised = next_steps(search(first, second), verdict(first, current=0.7, heading_bias=0.28), first, True)
     expected, best = ranked(stand("straight", CURRENT), CURRENT, COMPASS)[0]
     assert said == (
         f"To tell a current from a compass error (28 %): {best.text} (expected log Bayes factor {expected:.0f}; "
         "these recordings: 1.2)."
     )
-    assert "begun on heading " in said
+    assert "begun on heading " in said and advised.as_dict == best.as_dict
 
 
 def test_what_acts_beside_the_leader_is_looked_for_with_both_acting():
@@ -230,15 +230,16 @@ def test_what_acts_beside_the_leader_is_looked_for_with_both_acting():
         search(both, alone, judged(WaveDrift(SHIP), evidence=1.0)),
         verdict(alone, current=1.0, rudder_offset=0.4),
     )
-    assert next_steps(tried, seen, alone, True)[0].startswith(
+    assert next_steps(tried, seen, alone, True)[0][0].startswith(
         "To tell a current and a rudder offset from a current (40 %)"
     )
 
 
 def test_where_no_run_tells_it_is_said_what_to_measure(monkeypatch):
-    monkeypatch.setattr(words, "advise", lambda *_: [[(0.4, Plan("a straight run", Mock(PreparedRun), 0.0))] * 60])
+    monkeypatch.setattr(words, "advise", lambda *_: [[(0.4, Plan("a straight run", {}, Mock(PreparedRun), 0.0))] * 60])
     first, second = judged(WIND, evidence=30.0), judged(COMPASS, evidence=29.0)
-    (said,) = next_steps(search(first, second), verdict(first, heading_bias=0.3), first, True)
+    (said,), advised = next_steps(search(first, second), verdict(first, heading_bias=0.3), first, True)
+    assert advised is None
     assert said.endswith("measure the same with a second sensor and the wind and the waves; "
                          "none of 60 simulated runs would do (expected log Bayes factor 0.4).")  # fmt: skip
 
@@ -247,17 +248,18 @@ def test_nothing_is_simulated_where_the_verdict_is_certain(monkeypatch):
     monkeypatch.setattr(words, "advise", lambda *_: pytest.fail("simulated"))
     first, second = judged(CURRENT, evidence=30.0), judged(COMPASS, evidence=10.0)
     tried, sure = search(first, second), verdict(first, current=0.99, heading_bias=0.01)
-    assert next_steps(tried, sure, first, True) == [
-        "Nothing else comes close to a current; a repeat at another speed would confirm the values."
-    ]
-    assert next_steps(tried, sure, NOTHING, True)[0].startswith("Repeat one run")
+    assert next_steps(tried, sure, first, True) == (
+        ["Nothing else comes close to a current; a repeat at another speed would confirm the values."],
+        None,
+    )
+    assert next_steps(tried, sure, NOTHING, True)[0][0].startswith("Repeat one run")
     calm = verdict(second, current=0.01, heading_bias=0.02)
-    assert next_steps(tried, calm, NOTHING, False)[0].startswith("Nothing more is needed")
+    assert next_steps(tried, calm, NOTHING, False)[0][0].startswith("Nothing more is needed")
 
 
 def test_a_weak_candidate_is_told_from_calm_water():
     weak = judged(CURRENT, evidence=2.0)
-    said = next_steps(search(weak), verdict(weak, current=0.2), NOTHING, False)
+    said, _ = next_steps(search(weak), verdict(weak, current=0.2), NOTHING, False)
     assert said[0].startswith("To tell a current from calm water (20 %): a ") and len(said) == 2
 
 
@@ -286,45 +288,25 @@ def test_beside_something_unknown_or_nothing_the_best_candidate_is_the_runner_up
 
 
 def test_of_something_without_a_name_nothing_is_simulated():
-    assert next_steps(search(), verdict(NOTHING), judged(WIND, evidence=9.0), True)[0].startswith("Repeat one run")
+    assert next_steps(search(), verdict(NOTHING), judged(WIND, evidence=9.0), True)[0][0].startswith("Repeat one run")
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        ("a 20/20 zigzag, first to port,", {"manoeuvre": "zz20", "first_turn": "port"}),
-        ("a 35 deg turning circle to starboard", {"manoeuvre": "tc35", "first_turn": "starboard"}),
-        ("a pull-out after a 20 deg turn", {"manoeuvre": "po20", "first_turn": "starboard"}),
-        ("a straight run", {"manoeuvre": "straight", "first_turn": "starboard"}),
-    ],
-)
-def test_an_advised_run_can_be_read_by_machines(words, expected):
-    plan = Plan(words, None, heading=np.radians(95.0), share=0.5)
-    told = planned(f"To tell a from b (20 %): {plan.text} (expected log Bayes factor 12; these recordings: 2.0).")
-    assert told == expected | {"heading_deg": 95.0, "speed_share": 0.5}
-    assert planned(f"To tell a from b: {words} (4)") == expected | {"speed_share": 1.0}
+def test_every_run_that_is_tried_has_a_name_for_machines_that_says_what_its_words_say():
+    said = {words: _sailed(m) for words, m in _manoeuvres(np.pi).items()}
+    assert said["a 20/20 zigzag, first to port,"] == {"manoeuvre": "zz20", "first_turn": "port"}
+    assert said["a 35 deg turning circle to starboard"] == {"manoeuvre": "tc35", "first_turn": "starboard"}
+    assert said["a pull-out after a 20 deg turn"] == {"manoeuvre": "po20", "first_turn": "starboard"}
+    assert said["a straight run"] == {"manoeuvre": "straight", "first_turn": "starboard"}
+    assert len({tuple(sailed.values()) for sailed in said.values()}) == len(said)
 
 
-def test_a_repeat_with_another_channel_can_be_read_and_nothing_else_is_advised():
-    assert planned("To tell a from b (20 %): r02 again with the speed log (expected 3).") == {
-        "repeat": "r02",
-        "channel": "speed log",
-    }
-    assert planned("Nothing more is needed for these manoeuvres; another speed would test the model further.") is None
-
-
-def test_of_two_runs_that_a_sentence_names_the_first_is_meant():
-    zigzag = "a 10/10 zigzag, first to port, begun on heading 270 (factor 31; these recordings: 2.0)"
-    circle = "tc25 again with the speed and course over ground (18)"
-    assert planned(f"To tell a from b: {zigzag}; or {circle}.") == {
-        "manoeuvre": "zz10", "first_turn": "port", "heading_deg": 270.0, "speed_share": 1.0,
-    }  # fmt: skip
-    assert planned(f"To tell a from b: {circle}; or {zigzag}.")["repeat"] == "tc25"
-    later = "a 35 deg turning circle to port begun on heading 090 at half speed (3)"
-    assert planned(f"{zigzag.replace(' begun on heading 270', '')}; or {later}") == {
-        "manoeuvre": "zz10", "first_turn": "port", "speed_share": 1.0,
-    }  # fmt: skip
-
-
-def test_every_manoeuvre_that_is_tried_can_be_read_back():
-    assert all(planned(words) is not None for words in _manoeuvres(np.pi))
+def test_of_two_rivals_the_run_against_the_first_is_advised_if_one_tells_them_apart(monkeypatch):
+    first, second, third = (judged(e, evidence=n) for e, n in ((CURRENT, 30.0), (COMPASS, 29.5), (WIND, 29.0)))
+    tried, seen = search(first, second, third), verdict(first, current=0.4, heading_bias=0.35, wind_steady=0.25)
+    runs = [(9.0, Plan(name, {"manoeuvre": name}, Mock(PreparedRun), 0.0)) for name in ("tc35", "zz20")]
+    monkeypatch.setattr(words, "advise", lambda *_: [[runs[0]], [runs[1]]])
+    assert next_steps(tried, seen, first, True)[1] is runs[0][1]
+    monkeypatch.setattr(words, "advise", lambda *_: [[(0.4, runs[0][1])], [runs[1]]])
+    assert next_steps(tried, seen, first, True)[1] is runs[1][1]
+    monkeypatch.setattr(words, "advise", lambda *_: [[(0.4, runs[0][1])], [(0.4, runs[1][1])]])
+    assert next_steps(tried, seen, first, True)[1] is None

@@ -223,12 +223,12 @@ def test_two_rivals_of_the_same_leader_are_told_apart_the_likelier_first():
 @pytest.mark.parametrize("expected, advised", [(2.8, False), (3.2, True)])
 def test_a_run_is_advised_that_is_expected_to_add_three(monkeypatch, expected, advised):
     run = SimpleNamespace(text="a straight run begun on heading 090", heading=1.0)
-    said = words._told(fitted(20.0, "current"), fitted(18.0, "log_scale"), 0.3, [(expected, run)])
+    said, _ = words._told(fitted(20.0, "current"), fitted(18.0, "log_scale"), 0.3, [(expected, run)])
     assert (run.text in said) is advised and ("measure" in said) is not advised
     monkeypatch.setattr(words, "advise", lambda data_set, leading, rivals: [[(expected, run)]])
     result = found(fitted(4.0, "current"))
     verdict = Decision(False, False, 0.7, 0.1, {"current": 0.2}, result.fitted[0], {})
-    assert len(words.next_steps(result, verdict, result.none, False)) == 1 + advised
+    assert len(words.next_steps(result, verdict, result.none, False)[0]) == 1 + advised
 
 
 @pytest.mark.parametrize("p, wandering, passed", [

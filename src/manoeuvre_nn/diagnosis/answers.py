@@ -8,7 +8,6 @@ from pathlib import Path
 import pandas as pd
 
 from manoeuvre_nn.core.writing import draft_of, write_file
-from manoeuvre_nn.diagnosis.next_runs import planned
 from manoeuvre_nn.diagnosis.result import Cause, Diagnosis, Nature, Value
 
 OTHER_SIGN = frozenset({"offset_deg"})
@@ -42,7 +41,7 @@ def answer(d: Diagnosis) -> dict:
         "this_ship": not d.doubtful,
         "effects": [_effect(c) for c in d.causes if c.probability >= 1e-4],
         "model": model,
-        "next_run": next((run for run in map(planned, d.next_steps) if run is not None), None),
+        "next_run": d.next_run,
         "heldout_rmse_before": {k: _number(v) for k, v in d.rmse("before").items()},
         "heldout_rmse_after": {k: _number(v) for k, v in d.rmse("after").items()},
         "heldout_rmse_of_effects_alone": {k: _number(v) for k, v in d.rmse("alone").items()},

@@ -84,6 +84,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     over = _over_noise(proofs, noise)
     checks = [replace(c, text=c.text + over) if c.name == REPAIRED_SAILS else c for c in checks]
     sentence = summary_sentence(causes, model, proofs, mismatch, *open_still, noise)
+    steps, advised = next_steps(tried, verdict, chosen, mismatch)
     return Diagnosis(
         case=question.case.name,
         ship=particulars.name,
@@ -99,7 +100,8 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
         runner_up=runner_up(tried, verdict),
         proofs=proofs,
         noise=noise,
-        next_steps=next_steps(tried, verdict, chosen, mismatch),
+        next_steps=steps,
+        next_run=advised.as_dict if advised else None,
         undecided=[*question.case.undecided, *unplaced_events(question, chosen)],
         tracks={r.name: r.stacked("x", "y") for r in question.case.fitted},
         forecasts=forecasts(question, tried.likelihood.data_set, chosen),

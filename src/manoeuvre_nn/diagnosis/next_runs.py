@@ -1,7 +1,6 @@
 """Runs that could be recorded next: manoeuvres sailed with what was found, as the recorder would write them down."""
 
-import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,6 +30,8 @@ LENGTHS, PER_LENGTH = 16.0, 6
 """Length of a simulated run over L/U0, and samples in L/U0: their noise is that of the means of those recorded."""
 HEADINGS = (0.0, 90.0, 180.0, 270.0)
 """Approach headings relative to the recorded one [deg]."""
+SHORT = {"zigzag": "zz", "turning_circle": "tc", "pull_out": "po", "straight": "straight"}
+"""Kind of manoeuvre -> how its name begins for machines; the rudder angle follows."""
 HALF = 0.5
 """Shaft speed, and with it approach speed, over the nominal one, of further runs on the recorded heading."""
 CHANNELS = {"position": (0, 1), "speed and course over ground": (2, 3), "heading": (4,), "rate of turn": (5,),
@@ -44,6 +45,8 @@ class Plan:
 
     Attributes:
         words: What to sail.
+        sailed: The same for machines: ``manoeuvre`` (zz20, tc35, po20, straight) and ``first_turn``; or ``repeat``, the
+            name of a recorded run, and ``channel``, what to write down too.
         prepared: The run as it would go.
         heading: Approach heading [rad]; None is that of the run that is repeated.
         share: Approach speed over the nominal one.
@@ -51,6 +54,7 @@ class Plan:
     """
 
     words: str
+    sailed: Mapping[str, str]
     prepared: PreparedRun
     heading: float | None = None
     share: float = 1.0
@@ -62,31 +66,13 @@ class Plan:
         begun = "" if self.heading is None else f" begun on heading {self.heading / DEGREE % 360:03.0f}"
         return f"{self.words}{begun}{' at half speed' if self.share < 1 else ''}"
 
-
-def planned(text: str) -> dict[str, str | float] | None:
-    """The run that a sentence advises first, for machines: the inverse of :attr:`Plan.text`.
-
-    Args:
-        text: A sentence that holds it.
-
-    Returns:
-        ``manoeuvre`` (zz20, tc35, po20, straight), ``first_turn``, ``heading_deg`` where it matters, ``speed_share``;
-        or ``repeat``, the name of a recorded run, and ``channel``, what to write down too. None if no run is advised.
-    """
-    shapes = {"again": r"(\S+) again with the ([a-z ]+?)(?: \(|$)"}
-    shapes |= {"zz": r"a (\d+)/\d+ zigzag, first to (\w+)", "tc": r"a (\d+) deg turning circle to (\w+)"}
-    shapes |= {"po": r"a pull-out after a (\d+) deg turn()", "straight": r"a straight run()()"}
-    every = [(m, kind) for kind, shape in shapes.items() if (m := re.search(shape, text)) is not None]
-    if not every:
-        return None
-    found, kind = min(every, key=lambda one: one[0].start())
-    if kind == "again":
-        return {"repeat": found[1], "channel": found[2]}
-    run: dict[str, str | float] = {"manoeuvre": kind + found[1], "first_turn": found[2] or "starboard"}
-    said = text[found.start() :].partition("; or ")[0]  # of this run, not of the next best
-    heading = re.search(r"begun on heading (\d+)", said)
-    run |= {} if heading is None else {"heading_deg": float(heading[1])}
-    return run | {"speed_share": HALF if "at half speed" in said else 1.0}
+    @property
+    def as_dict(self) -> dict[str, str | float]:
+        """The run for machines: ``sailed``, and of a new one ``speed_share``, and ``heading_deg`` where it matters."""
+        if "repeat" in self.sailed:
+            return dict(self.sailed)
+        heading = {} if self.heading is None else {"heading_deg": round(self.heading / DEGREE) % 360.0}
+        return {**self.sailed, **heading, "speed_share": self.share}
 
 
 def same_runs(data_set: WhitenedDataSet) -> Iterator[Plan]:
@@ -108,7 +94,8 @@ def same_runs(data_set: WhitenedDataSet) -> Iterator[Plan]:
                 linearised=replace(prepared.linearised, run=run),
                 noise=noise,
             )
-            yield Plan(f"{run.name} again with the {words}", about_states(data_set.dynamics, more, track), row=row)
+            again = about_states(data_set.dynamics, more, track)
+            yield Plan(f"{run.name} again with the {words}", {"repeat": run.name, "channel": words}, again, row=row)
 
 
 def _manoeuvres(limit: float) -> dict[str, Manoeuvre]:
@@ -118,6 +105,13 @@ def _manoeuvres(limit: float) -> dict[str, Manoeuvre]:
         made |= {f"a {a:.0f}/{a:.0f} zigzag, first to {side},": zigzag(a, first=side) for a in (10.0, 20.0, 35.0)}
         made |= {f"a {a:.0f} deg turning circle to {side}": turning_circle(a, side) for a in (20.0, 35.0)}
     return {words: m for words, m in made.items() if m.largest_order <= limit + 1e-9}
+
+
+def _sailed(manoeuvre: Manoeuvre) -> dict[str, str]:
+    """A manoeuvre for machines."""
+    angle = manoeuvre.stages[0].order / DEGREE
+    short = SHORT[manoeuvre.kind] + (f"{abs(angle):.0f}" if angle else "")
+    return {"manoeuvre": short, "first_turn": "port" if angle < 0 else "starboard"}
 
 
 def new_runs(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Iterator[Plan]:
@@ -156,7 +150,7 @@ def new_runs(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Iterator[Plan
         blank = with_measured(
             Recording(words, times[:n], inputs, meta={"rudder_noise": noise}), shown(track), states.channels
         )
-        yield Plan(words, _seen(data_set, blank, track, step / interval), heading, share)
+        yield Plan(words, _sailed(manoeuvre), _seen(data_set, blank, track, step / interval), heading, share)
 
 
 def _seen(data_set: WhitenedDataSet, run: Recording, track: Float[np.ndarray, "n k"], thinned: float) -> PreparedRun:

@@ -234,6 +234,8 @@ class Diagnosis:
         proofs: Held-out runs before and after.
         noise: Channel -> RMS of its measurement noise: no prediction can be better.
         next_steps: What to record next, most useful first.
+        next_run: The run that is advised first, see :attr:`~manoeuvre_nn.diagnosis.next_runs.Plan.as_dict`; None
+            without one.
         undecided: What cannot be decided with these recordings and why.
         tracks: Fitted run -> recorded x and y [m], NaN in gaps.
         forecasts: Planned runs: rudder and warm-up are known, and nothing that could prove anything.
@@ -262,6 +264,7 @@ class Diagnosis:
     tracks: Mapping[str, Float[np.ndarray, "n 2"]] = field(default_factory=dict, repr=False)
     forecasts: list[Proof] = field(default_factory=list)
     network: Mapping[str, float] = field(default_factory=dict, repr=False)
+    next_run: Mapping[str, str | float] | None = None
     dimensions: tuple[float, float] | None = None
     settings: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0

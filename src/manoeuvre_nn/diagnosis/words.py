@@ -10,6 +10,7 @@ from manoeuvre_nn.core.units import three_digits
 from manoeuvre_nn.diagnosis.advise import Ranked, advise
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.locate import PUSHES
+from manoeuvre_nn.diagnosis.next_runs import Plan
 from manoeuvre_nn.diagnosis.result import PHASE, RIGHT_SHIP, USABLE_MODEL, Cause, Check, Nature, Proof, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.dynamics.base import is_fitted
@@ -304,24 +305,38 @@ def _odds(gap: float) -> str:
     return f"odds 1 to {times:,.0f}" if times >= 10 else f"odds 1 to {times:g}"
 
 
-def next_steps(tried: SearchResult, verdict: Decision, chosen: FittedHypothesis, mismatch: bool) -> list[str]:
-    """What to record next, most useful first, by simulation: see :mod:`~manoeuvre_nn.diagnosis.advise`."""
+def next_steps(
+    tried: SearchResult, verdict: Decision, chosen: FittedHypothesis, mismatch: bool
+) -> tuple[list[str], Plan | None]:
+    """What to record next, by simulation: see :mod:`~manoeuvre_nn.diagnosis.advise`.
+
+    Args:
+        tried: The search.
+        verdict: What may be claimed.
+        chosen: What was proved.
+        mismatch: Whether anything is missing.
+
+    Returns:
+        Sentences, most useful first; the run that is advised first, if any is.
+    """
     duels = _duels(tried, verdict, chosen, mismatch)
     made = advise(tried.likelihood.data_set, duels[0][0], [rival for _, rival, _ in duels]) if duels else []
-    said = [
+    told = [
         _told(*duel, runs)
         for duel, runs in zip(duels, made, strict=True)
         if mismatch or runs[0][0] > MIN_EXPECTED_EVIDENCE
     ]
+    said, advised = [text for text, _ in told], next((plan for _, plan in told if plan is not None), None)
     if not mismatch:
         more = "another speed or a harder turn would test the model further"
-        return [*said, f"Nothing more is needed for these manoeuvres; {more}."]
+        return [*said, f"Nothing more is needed for these manoeuvres; {more}."], advised
     known = {n for j in tried.fitted for n in j.names}
     named = [e.label for e in chosen.hypothesis.effects if e.name in known]
     if not named:
-        return ["Repeat one run on a heading 90 deg away and one at half speed: they show what the misfit depends on."]
+        more = "Repeat one run on a heading 90 deg away and one at half speed: they show what the misfit depends on."
+        return [more], None
     clear = f"Nothing else comes close to {_and(named)}; a repeat at another speed would confirm the values."
-    return said or [clear]
+    return said or [clear], advised
 
 
 Duel = tuple[FittedHypothesis, FittedHypothesis, float]
@@ -350,8 +365,10 @@ def _duels(tried: SearchResult, verdict: Decision, chosen: FittedHypothesis, mis
     return found[:2]
 
 
-def _told(leading: FittedHypothesis, rival: FittedHypothesis, probability: float, runs: Ranked) -> str:
-    """The best run, and the best channel, that tells two hypotheses apart."""
+def _told(
+    leading: FittedHypothesis, rival: FittedHypothesis, probability: float, runs: Ranked
+) -> tuple[str, Plan | None]:
+    """The best run, and the best channel, that tells two hypotheses apart; and that run, if one does."""
     question = f"To tell {labels(leading)} from {labels(rival)} ({_percent(probability)})"
     expected, best = runs[0]
     factor = f"expected log Bayes factor {_ln(expected)}"
@@ -359,10 +376,11 @@ def _told(leading: FittedHypothesis, rival: FittedHypothesis, probability: float
         shared = set(leading.names) & set(rival.names)
         apart = [e for j in (leading, rival) for e in j.hypothesis.effects if e.name not in shared]
         wanted = sorted({e.measured_by or e.family for e in apart})
-        return f"{question}: measure {_and(wanted)}; none of {len(runs)} simulated runs would do ({factor})."
+        return f"{question}: measure {_and(wanted)}; none of {len(runs)} simulated runs would do ({factor}).", None
     more = next((a for a in runs[1:] if a[1].heading is None and a[0] > MIN_EXPECTED_EVIDENCE), None)
     also = "" if more is None or best.heading is None else f"; or {more[1].text} ({_ln(more[0])})"
-    return f"{question}: {best.text} ({factor}; these recordings: {_ln(leading.evidence - rival.evidence)}){also}."
+    told = f"{factor}; these recordings: {_ln(leading.evidence - rival.evidence)}"
+    return f"{question}: {best.text} ({told}){also}.", best
 
 
 def _ln(factor: float) -> str:
