@@ -30,7 +30,7 @@ LENGTHS, PER_LENGTH = 16.0, 6
 """Length of a simulated run over L/U0, and samples in L/U0: their noise is that of the means of those recorded."""
 HEADINGS = (0.0, 90.0, 180.0, 270.0)
 """Approach headings relative to the recorded one [deg]."""
-SHORT = {"zigzag": "zz", "turning_circle": "tc", "pull_out": "po", "straight": "straight"}
+KIND_IN_SHORT = {"zigzag": "zz", "turning_circle": "tc", "pull_out": "po", "straight": "straight"}
 """Kind of manoeuvre -> how its name begins for machines; the rudder angle follows."""
 HALF = 0.5
 """Shaft speed, and with it approach speed, over the nominal one, of further runs on the recorded heading."""
@@ -110,7 +110,7 @@ def _manoeuvres(limit: float) -> dict[str, Manoeuvre]:
 def _sailed(manoeuvre: Manoeuvre) -> dict[str, str]:
     """A manoeuvre for machines."""
     angle = manoeuvre.stages[0].order / DEGREE
-    short = SHORT[manoeuvre.kind] + (f"{abs(angle):.0f}" if angle else "")
+    short = KIND_IN_SHORT[manoeuvre.kind] + (f"{abs(angle):.0f}" if angle else "")
     return {"manoeuvre": short, "first_turn": "port" if angle < 0 else "starboard"}
 
 
