@@ -84,6 +84,10 @@ def test_all_formats_of_a_run_are_written_beside_it_and_the_function_is_the_mode
         "zz35 (60 s)",
     ):
         assert told in " ".join(ended.out.split())
+    verdict = json.loads((run / "scores.json").read_text())["verdict"]["sentence"]
+    assert f"Verdict of its own training: {verdict}" in " ".join(ended.out.split())
+    for name in ("accelerations.py", "accelerations.c", "accelerations.tex", "accelerations.csv", "mariner.m"):
+        assert verdict.split(",")[0] in " ".join((run / "export" / name).read_text().split()), name
     module: dict = {}
     exec((run / "export" / "accelerations.py").read_text(), module)
     made, motion = load_model(run / "checkpoints" / "best.ckpt"), (7.1, -0.3, 0.004, 0.35)

@@ -53,6 +53,9 @@ def test_pitch_is_approximated_tested_and_reported(cli, learnt):
     assert "significant pitch amplitude" in said and "96 records of the S-175 by closed form" in said
     assert set(found["errors"]) == {"learning", "testing", "between"} and found["unit"] == "deg"
     assert found["error"] == found["errors"]["testing"]["rms"] > 0
+    verdict, page = found["verdict"], (out / "report.html").read_text()
+    assert verdict["word"] == "do not use" and 'class="verdict poor">Do not use: the network' in page
+    assert verdict["sentence"] in " ".join(said.split()) and "a linear function is closer" in verdict["sentence"]
     assert unexplained((out / "report.html").read_text()) == set() and len(list((out / "figures").glob("*.png"))) == 5
     assert list(pd.read_csv(out / "records.csv").columns) == [
         "d [m]", "V [kn]", "beta [deg]", "Hs [m]", "T [s]", "pitch [deg]",

@@ -8,7 +8,7 @@ import pytest
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.scoring.score import Score
-from manoeuvre_nn.scoring.verdict import CLOSER, MAX_DEV_L, model_verdict
+from manoeuvre_nn.scoring.verdict import CLOSER, MAX_DEV_L, model_verdict, response_verdict
 
 TIME = np.arange(5.0)
 RUNS = [
@@ -108,7 +108,21 @@ def test_a_simpler_model_must_be_clearly_closer_and_sail_all_manoeuvres():
     assert judged(own, closer=closer).word == "do not use"
     lost = [replace(s, status="left the physical range at 30 s") for s in closer]
     assert judged(own, lost=lost).word == "doubtful"
-    assert judged(scores(0.4, 0.2), closer=scores(0.0, 0.0)).word == "usable", "both are good enough"
+
+
+@pytest.mark.parametrize(("dev", "told"), [(0.45, True), (0.06, True), (0.04, False)])
+def test_a_simpler_model_that_is_closer_is_named_where_both_are_good_enough(dev, told):
+    found = judged(scores(dev, dev), linear=scores(0.01, 0.01), taylor=scores(0.02, 0.02))
+    assert found.word == "usable" and ("simpler model 'linear' is closer: 0.01 L" in found.sentence) is told
+    assert judged(scores(dev, dev), linear=scores(0.6 * dev, 0.6 * dev)).sentence.endswith("each is within 0.5 L.")
+
+
+def test_no_criterion_is_judged_by_a_model_that_is_not_to_be_used():
+    """The criteria of the one that was missed, and all of the one that was predicted, may be right by chance."""
+    first, second = zigzags(20.0)
+    found = judged([first, replace(second, dev_L=0.2)], terms=scores(1.4, 1.4))
+    assert found.criteria == ("zz20", "tc35")
+    assert found.unfit == {"zz20": "is 20 L off", "tc35": "is not to be used"}
 
 
 def test_many_manoeuvres_are_not_all_named():
@@ -163,3 +177,30 @@ def test_a_criterion_that_was_not_reached_is_not_predicted():
 
 def test_criteria_do_not_make_up_for_a_simpler_model_that_is_closer():
     assert judged(zigzags(9.0), terms=scores(1.0, 1.0)).word == "do not use"
+
+
+@pytest.mark.parametrize(
+    ("errors", "linear", "word", "told"),
+    [
+        ({"testing": 0.02, "between": 0.099}, {"testing": 0.5, "between": 0.5}, "usable", "Usable within the ranges"),
+        ({"testing": 0.02, "between": 0.11}, {"testing": 0.5, "between": 0.5}, "doubtful", "between: is off by 11 %"),
+        ({"testing": 0.2, "between": 0.3}, {"testing": 0.5, "between": 0.5}, "do not use", "testing: is off by 20 %"),
+        (
+            {"testing": 0.02, "between": 0.3},
+            {"testing": 0.5, "between": 0.29},
+            "do not use",
+            "a linear function is closer (between: 0.29)",
+        ),
+        ({"testing": 0.02}, {"testing": 0.5}, "usable", "Usable within the ranges"),
+        ({}, {}, "doubtful", "no record was kept to test it"),
+        ({"testing": np.nan}, {"testing": 0.5}, "do not use", "Do not use"),
+    ],
+)
+def test_a_response_is_judged_by_records_that_were_not_learnt(errors, linear, word, told):
+    found = response_verdict(errors, {name: 1.0 for name in errors}, linear, "the network is off by 0.1 deg")
+    assert found.word == word and told in found.sentence and "the network is off by 0.1 deg" in found.sentence
+    assert set(found.predicted) | set(found.missed) == set(errors)
+
+
+def test_of_records_that_are_all_alike_nothing_is_explained():
+    assert response_verdict({"testing": 0.0}, {"testing": 0.0}, {"testing": 0.0}, "exact").word == "do not use"

@@ -14,7 +14,7 @@ from rich.console import Console
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.commands import config as configs
-from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, config_beside, load_model, prepare
+from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, config_beside, load_model, prepare, verdict_beside
 from manoeuvre_nn.commands.provenance import shown
 from manoeuvre_nn.commands.response import load_response
 from manoeuvre_nn.commands.shelves import build
@@ -161,7 +161,8 @@ def program_of(checkpoint: Path, effects: Callable[[Ship], list[Effect]] | None 
     Returns:
         The program.
     """
-    notes = [f"Written by manoeuvre-nn {__version__} from {checkpoint}."]
+    notes, verdict = [f"Written by manoeuvre-nn {__version__} from {checkpoint}."], verdict_beside(checkpoint)[1]
+    notes += [f"Verdict of its own training: {verdict}"] if verdict else []
     cfg = config_beside(checkpoint, ())
     if "task" in cfg:
         learnt = load_response(checkpoint)

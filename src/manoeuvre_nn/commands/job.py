@@ -281,6 +281,22 @@ def made_again(checkpoint: Path) -> Generator[None]:
         ) from error
 
 
+def verdict_beside(checkpoint: Path) -> tuple[str, str]:
+    """The verdict of a checkpoint's own training.
+
+    Args:
+        checkpoint: ``OUT/checkpoints/best.ckpt`` or ``last.ckpt``.
+
+    Returns:
+        Word and sentence in ``OUT/scores.json``; empty where it says none.
+    """
+    try:
+        said = load_json(checkpoint.resolve().parents[1] / SCORES)["verdict"]
+        return str(said["word"]), str(said.get("sentence", ""))
+    except (OSError, InputError, KeyError, TypeError, IndexError):
+        return "", ""
+
+
 def caveat_of(checkpoint: Path) -> str:
     """What the held-out runs of a checkpoint's own training say against its model.
 
@@ -290,11 +306,7 @@ def caveat_of(checkpoint: Path) -> str:
     Returns:
         A clause by the verdict in ``OUT/scores.json``; empty where that calls the model usable, or says nothing.
     """
-    try:
-        word = load_json(checkpoint.resolve().parents[1] / SCORES)["verdict"]["word"]
-    except (OSError, InputError, KeyError, TypeError, IndexError):
-        return ""
-    told = {"doubtful": "is doubtful", "do not use": "is not to be used"}.get(str(word))
+    told = {"doubtful": "is doubtful", "do not use": "is not to be used"}.get(verdict_beside(checkpoint)[0])
     by = f"by the held-out runs of its own training ({SCORES} beside it)"
     return f"the model {told} {by}: what is found may be its own error" if told else ""
 

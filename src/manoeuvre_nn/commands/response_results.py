@@ -7,20 +7,23 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
+from jaxtyping import Float
 from rich.console import Console
 
 from manoeuvre_nn.commands.provenance import SCORES, hyperparameters, shown, versions
-from manoeuvre_nn.core.response import Response
+from manoeuvre_nn.core.response import Records, Response
 from manoeuvre_nn.core.terminal import Say
 from manoeuvre_nn.core.writing import draft_of, write_file
 from manoeuvre_nn.report.figures import learning_figure
 from manoeuvre_nn.report.html import Report, save_figures, write_report
 from manoeuvre_nn.report.response_figures import response_figures
 from manoeuvre_nn.report.sensitivity_figure import sensitivity_figure
-from manoeuvre_nn.report.tables import Row, rich_table
+from manoeuvre_nn.report.tables import Row, is_good, rich_table, verdict_text
 from manoeuvre_nn.scoring.sensitivity import InputSensitivity, sensitivities
-from manoeuvre_nn.training.response_data import BETWEEN, LEARNING, TESTING, VALIDATION, ResponseData
+from manoeuvre_nn.scoring.verdict import ModelVerdict, response_verdict
+from manoeuvre_nn.training.response_data import BETWEEN, LEARNING, TESTING, VALIDATION, ResponseData, errors_of
 from manoeuvre_nn.training.session import Trained
 
 RECORDS = "records.csv"
@@ -68,6 +71,20 @@ class _ResponseOutcome:
         """What a search for settings makes small: the error of records kept for validation, else of those that test."""
         return self.errors[VALIDATION if VALIDATION in self.errors else self.tested]["rms"]
 
+    @cached_property
+    def verdict(self) -> ModelVerdict:
+        """What the network may be used for, by records that it was not trained on."""
+        errors, sets, unit = self.errors, self.data.sets, self.data.quantities.output
+        tested = [name for name in (TESTING, BETWEEN) if name in errors]
+        learnt = sets[LEARNING]
+        plane = np.linalg.lstsq(_with_ones(learnt), learnt.values, rcond=None)[0]
+        return response_verdict(
+            {name: errors[name]["rms"] for name in tested},
+            {name: float(sets[name].values.std()) / unit.size for name in tested},
+            {name: errors_of(sets[name], _with_ones(sets[name]) @ plane)["rms"] for name in tested},
+            _how_far(self),
+        )
+
     @property
     def in_short(self) -> str:
         """What came out, in a few words."""
@@ -97,18 +114,23 @@ def score_response(config: Mapping[str, Any], trained: Trained, data: ResponseDa
     return _ResponseOutcome(config, data, trained, response)
 
 
-def summary(outcome: _ResponseOutcome) -> str:
-    """The verdict in a sentence or two."""
+def _with_ones(records: Records) -> Float[np.ndarray, "n m"]:
+    """What a linear function of all variables is made of."""
+    return np.column_stack([np.ones(len(records)), records.conditions])
+
+
+def _how_far(outcome: _ResponseOutcome) -> str:
+    """How far the network is off where it was not trained."""
     unit, errors = outcome.data.quantities.output.unit, outcome.errors
     seen = "that it was not trained on" if TESTING in errors else "that it was trained on, for none was kept to test it"
     tested = errors[outcome.tested]["rms"]
-    text = f"The network is off by {tested:.3g} {unit} (root mean square) on records {seen}"
+    text = f"the network is off by {tested:.3g} {unit} (root mean square) on records {seen}"
     if BETWEEN not in errors:
-        return text + "; how it does between the values of the records, they cannot tell."
+        return text + "; how it does between the values of the records, they cannot tell"
     between = errors[BETWEEN]["rms"]
     times = f", {between / tested:.2g} times as much" if between > TRAP * tested else ""
     largest = f"largest {errors[BETWEEN]['largest']:.3g}"
-    return f"{text}, and by {between:.3g} {unit} ({largest}) at random points between{times}."
+    return f"{text}, and by {between:.3g} {unit} ({largest}) at random points between{times}"
 
 
 def write_response(outcome: _ResponseOutcome, out: Path) -> None:
@@ -126,7 +148,8 @@ def write_response(outcome: _ResponseOutcome, out: Path) -> None:
     tables["How much each variable counts"] = [one.row() for one in outcome.sensitivities]
     report = Report(
         title=f"{outcome.config['name']}: trained and tested",
-        summary=summary(outcome),
+        summary=outcome.verdict.sentence,
+        good=is_good(outcome.verdict.word),
         tables=tables,
         figures=drawn,
         config=outcome.config,
@@ -165,6 +188,7 @@ def as_dict(outcome: _ResponseOutcome) -> dict[str, Any]:
     """What ``scores.json`` holds: plain numbers and strings."""
     trained, learnt = outcome.trained, outcome.data.sets[LEARNING]
     return {
+        "verdict": outcome.verdict.as_dict(),
         "errors": outcome.errors,
         "unit": outcome.data.quantities.output.unit,
         "error": outcome.error,
@@ -188,7 +212,7 @@ def print_response(outcome: _ResponseOutcome, out: Path, console: Console) -> No
     output, how = outcome.data.quantities.output, outcome.trained
     console.print(rich_table(outcome.rows, output.meaning or output.name))
     told = f"{outcome.data.describe()} {how.epochs} epochs in {how.seconds:.1f} s; {how.stopped}."
-    for line in (summary(outcome), told):
-        console.print(line, soft_wrap=True, highlight=False)
+    console.print(verdict_text(outcome.verdict), soft_wrap=True, highlight=False)
+    console.print(told, soft_wrap=True, highlight=False)
     here = shown(out)
     console.print(f"report: {here / 'report.html'}   dashboard: tensorboard --logdir {here.parent}", soft_wrap=True)

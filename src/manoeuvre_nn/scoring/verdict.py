@@ -1,4 +1,4 @@
-"""What a model may be used for, by the manoeuvres that it was not trained on."""
+"""What a model may be used for, by the manoeuvres, or the records of a response, that it was not trained on."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,6 +19,12 @@ MAX_CRITERION, MAX_OVERSHOOT_DEG = 0.1, 2.0
 """Relative error up to which a criterion counts as predicted [-]; of an overshoot as many degrees will do."""
 CLOSER = 2.0
 """How many times closer a simpler model must be, in the mean, to be preferred to one that misses manoeuvres."""
+NOTABLE_L = 0.05
+"""Mean deviation over L below which it is not told that a simpler model is closer [-]: both are as close as positions
+of ships are known."""
+MAX_SHARE = 0.1
+"""Root mean square error of a response over the standard deviation of the records up to which they count as predicted
+[-]: 99 % of their variance is explained."""
 RANGED = {"delta": "rudder", "v": "sway", "r": "rate of turn"}
 """Channels whose size says how far a manoeuvre goes, beside the speed; and their names."""
 RANGE, MARGIN = 0.99, 1.1
@@ -50,7 +56,12 @@ class ModelVerdict:
 
     @property
     def unfit(self) -> dict[str, str]:
-        """Manoeuvres of which neither the track nor the criteria were predicted -> why."""
+        """Manoeuvres by whose criteria the ship must not be judged -> why.
+
+        All of them where the model is not to be used; else those of which neither track nor criteria were predicted.
+        """
+        if self.word == "do not use":
+            return {name: "is not to be used" for name in self.predicted} | dict(self.missed)
         return {name: why for name, why in self.missed.items() if name not in self.criteria}
 
     def as_dict(self) -> dict[str, Any]:
@@ -98,6 +109,36 @@ def model_verdict(
     return ModelVerdict(word, sentence, predicted, missed, criteria)
 
 
+def response_verdict(
+    errors: Mapping[str, float], spread: Mapping[str, float], linear: Mapping[str, float], text: str
+) -> ModelVerdict:
+    """Say what the approximation of a response may be used for.
+
+    Args:
+        errors: Records that it was not trained on, set by set -> root mean square error.
+        spread: The same -> standard deviation of these records, in the same unit.
+        linear: The same -> error of a linear function of all variables, fitted to the records that were learnt.
+        text: How far it is off, beginning with a small letter.
+
+    Returns:
+        ``usable`` if every set is predicted to :data:`MAX_SHARE` of its standard deviation; ``do not use`` if none is,
+        or the linear function is closer; ``doubtful`` otherwise, or where nothing was kept to test it.
+    """
+    shares = {name: error / spread[name] if spread[name] > 0 else np.inf for name, error in errors.items()}
+    missed = {n: f"is off by {100 * s:.2g} % of what it varies by" for n, s in shares.items() if not s <= MAX_SHARE}
+    predicted = tuple(name for name in errors if name not in missed)
+    closer = [name for name, error in errors.items() if linear[name] < error]
+    if not errors:
+        return ModelVerdict("doubtful", f"Doubtful, for no record was kept to test it: {text}.", (), {}, ())
+    told = "".join(f"; {name}: {why}" for name, why in missed.items())
+    if closer or not predicted:
+        told += "".join(f"; a linear function is closer ({name}: {linear[name]:.3g})" for name in closer)
+        return ModelVerdict("do not use", f"Do not use: {text}{told}.", predicted, missed, ())
+    if missed:
+        return ModelVerdict("doubtful", f"Doubtful: {text}{told}.", predicted, missed, ())
+    return ModelVerdict("usable", f"Usable within the ranges of the records: {text}.", predicted, {}, ())
+
+
 def _told(
     scores: Sequence[Score],
     missed: Mapping[str, str],
@@ -108,7 +149,9 @@ def _told(
 ) -> tuple[Word, str]:
     """The verdict's word and sentence."""
     if not missed:
-        return "usable", f"Usable for manoeuvres like {_listed(predicted)}, {covered}: each is within {MAX_DEV_L:g} L."
+        also = simpler if np.mean([s.dev_L for s in scores]) > NOTABLE_L else ""
+        like = f"Usable for manoeuvres like {_listed(predicted)}, {covered}"
+        return "usable", f"{like}: each is within {MAX_DEV_L:g} L{also}."
     but = _listed([f"{name} {why}" for name, why in missed.items()])
     if simpler or any(s.status != OK for s in scores) or not (predicted or criteria):
         return "do not use", f"Do not use: {but}{simpler}."
