@@ -97,6 +97,15 @@ def test_steps_ramps_and_pairs_are_no_outliers():
     assert np.flatnonzero(spikes(pair)).tolist() == [30]
 
 
+@pytest.mark.parametrize("backward", [False, True])
+def test_a_rudder_that_begins_to_move_with_the_last_sample_is_none(backward):
+    """It moves as far as it does elsewhere in a step; further than that it cannot."""
+    rate = np.clip(np.concatenate([np.full(30, 10.0), 10.0 - 2.5 * np.arange(1, 9), np.full(30, -10.0)]), -10.0, 10.0)
+    for last, found in ((-8.0, False), (-7.5, False), (5.3, True)):
+        angles = np.append(rate, last)[:: -1 if backward else 1]
+        assert spikes(angles).tolist() == (angles == last if found else np.zeros(len(angles), dtype=bool)).tolist()
+
+
 def test_gaps_of_some_seconds_are_filled_where_that_is_asked_for(zz20, frame, write, columns, ship):
     frame.loc[30:36, "x"] = np.nan
     record = read_recording(write(frame), columns(fill_gaps=8.0), ship)

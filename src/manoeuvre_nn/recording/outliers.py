@@ -33,7 +33,7 @@ def spikes(values: Series, min_spread_share: float = MIN_SPREAD_SHARE) -> Bool[n
     A sample is compared with the median of the five samples around it; the scale is how far samples usually lie off the
     line between their neighbours. Steps and ramps pass: there a sample is the median of its neighbours. So do the tips
     of peaks: a spike lies further off the middle of its neighbours than the channel moves beside them. Neighbours of
-    the first and of the last sample count for both of their sides.
+    the first and of the last sample count for both of their sides, and these two may move as the channel does anywhere.
 
     Args:
         values: Samples; NaN where there is none.
@@ -60,6 +60,9 @@ def spikes(values: Series, min_spread_share: float = MIN_SPREAD_SHARE) -> Bool[n
     beside = np.maximum(around[:-2], around[2:]) > 0.5 * away
     moves = np.pad(np.abs(np.diff(there)), 3)  # moves[k + 3] leads from sample k to the next
     usual = np.maximum(moves[1 : len(there) + 1], moves[4 : len(there) + 4])
+    # What begins to move with the last sample, as a rudder does, may move as it does elsewhere; so may what just ended.
+    elsewhere = moves[3 : len(there) + 2][~far[:-1] & ~far[1:]].max(initial=0.0)
+    usual[[0, -1]] = np.maximum(usual[[0, -1]], elsewhere)
     result = np.zeros(len(values), dtype=bool)
     result[good] = far & ~beside & (np.abs(there - middle_of_neighbours(there)) > MIN_TIP_RATIO * usual)
     return result
