@@ -60,6 +60,7 @@ def test_the_best_candidate_is_named_in_the_terminal_in_json_and_on_the_page(ask
     assert told["candidates"][0]["targets"]["zz10"]["now"] == pytest.approx(told["candidates"][0]["now"])
     assert {p.name for p in (folder / "figures").iterdir()} == {"gain.png", "where.png"}
     assert advice.best.manoeuvre == told["sail_next"]
+    assert not (folder / "tensorboard").exists(), "nothing is held out that could be shown"
 
 
 def test_the_settings_and_versions_are_kept(asked, folder):

@@ -46,7 +46,7 @@ from manoeuvre_nn.training.settings import check_simulable
 
 PARTS = ("ship", "linear", "network", "fit", "manoeuvre")
 """What a config must say for its model to be made again."""
-NOTHING_HELD_OUT = [{"straight": {"duration": 60, "name": "placeholder"}}]
+NOTHING_HELD_OUT = [{"straight": {"duration": 60}}]
 """What stands for ``score`` where data must have held-out manoeuvres but nothing is chosen by them."""
 OF_FILES = (TARGET, "folder", "files", "mapping")
 """Settings of ``data=recording`` that say which files are read, and how."""
@@ -103,8 +103,7 @@ def prepare(
 def session_of(cfg: DictConfig) -> session.Session:
     """How long to train, what to keep and where to log it, as ``cfg.trainer`` and ``cfg.logger`` say it."""
     lasting = {k: v for k, v in cfg.trainer.items() if k != "threads"}
-    if "logger" in cfg:
-        lasting["loggers"] = [build(settings, "logger") for settings in cfg.logger.values()]
+    lasting["loggers"] = [build(settings, "logger") for settings in (cfg.get("logger") or {}).values()]
     check_arguments(session.Session, lasting)
     return session.Session(**lasting)
 
