@@ -364,7 +364,7 @@ class _GracefulStop(L.Callback):
             self.interrupted = True
             trainer.should_stop = True
             signal.signal(signal.SIGINT, self._before)
-            self.console.print("ctrl-C: stopping after this epoch; once more to abort")
+            self.console.print("ctrl-C: stopping after this epoch, then scoring; once more to abort")
 
         try:
             self._before = signal.signal(signal.SIGINT, handle)
