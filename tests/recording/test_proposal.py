@@ -125,6 +125,12 @@ def test_the_distance_of_an_antenna_from_midship_is_found(zz20, ship, export):
     assert made.settings["position_point"] == pytest.approx(40.0, abs=1.0)
 
 
+def test_a_sway_that_was_never_recorded_tells_no_distance(zz20, ship, export):
+    made = propose(export(plain(zz20) | {"v": 0 * zz20["v"]}), ship)
+    assert "position_point" not in made.settings and "reference_point" in made.undecided
+    assert any("Never moving" in note and "v (v)" in note for note in made.notes)
+
+
 def test_units_that_nothing_tells_are_said_to_be_undecided(zz20, export):
     made = propose(export(EXPORTS["no track, knots"](zz20)))
     assert not choice(made, "u").decided

@@ -252,9 +252,10 @@ class _Rating:
         errors = [_errors(*pair, speed) for pair in both]
         misfit, lever = float(np.mean([sum(error) for error in errors])), 0.0
         worth = misfit
-        # Another point of the ship is worth a thought only where forward speeds agree.
-        if len(both) == 1 and "over" not in bodies and misfit > LEVER[0] and errors[0][0] < LEVER[0]:
-            velocity, track = both[0]
+        velocity, track = both[0]
+        # Another point of the ship is worth a thought only where forward speeds agree and a sway was recorded.
+        alone = len(both) == 1 and "over" not in bodies and np.ptp(velocity[1]) > 1e-9
+        if alone and misfit > LEVER[0] and errors[0][0] < LEVER[0]:
             r = a.psi_sign * self.motion.r
             away = _lever(velocity, track, r, MAX_LEVER * self.motion.length)
             moved = sum(_errors((velocity[0], velocity[1] + away * r), track, speed))
