@@ -151,6 +151,17 @@ def test_the_sentence_tells_of_the_heading_where_no_run_has_a_position():
     assert "a steady wind (speed 11.2 m/s, from 243 deg, cx 1.04) and a rudder offset (offset 1.04 deg)" in half
 
 
+@pytest.mark.parametrize(("error", "told"), [(0.0084, False), (0.0007, True), (float("nan"), True)])
+def test_a_side_is_told_of_what_is_larger_than_its_error(error, told):
+    cause = windy().causes[0]
+    north = Value("north", 0.277, 0.019, "%", sides=("too long", "too short"))
+    turn = Value("turn_deg", -0.00075, error, "deg", sides=("clockwise", "anticlockwise"))
+    said = summary_sentence([replace(cause, parameters=(north, turn))], [cause.name], [], True)
+    assert "north 0.277 % too long" in said and ("turn 0.00075 deg anticlockwise" in said) is told
+    alone = summary_sentence([replace(cause, parameters=(turn,))], [cause.name], [], True)
+    assert "turn 0.00075 deg" in alone, "nothing else is to be said"
+
+
 def test_what_each_run_has_of_its_own_is_said_to_be_that_of_the_first_and_taken_from_the_runs_themselves():
     speed = Value("speed", -0.2, 0.01, "m/s", sides=("that way", "the other way"), by_run=True)
     change = Value("change", 1.8, 0.1, "m/s per hour", sides=("growing", "falling"))

@@ -144,8 +144,9 @@ def _gain(proofs: Sequence[Proof], what: str, seen: bool = False) -> str:
 
 
 def _values(cause: Cause) -> str:
-    """What was found, campaign by campaign where each has its own."""
-    told = {v.campaign: [w for w in cause.parameters if w.campaign == v.campaign] for v in cause.parameters}
+    """What was found, campaign by campaign where each has its own; to a side only what is larger than its error."""
+    sided = [v for v in cause.parameters if not (v.sides and abs(v.value) < v.error)] or cause.parameters
+    told = {v.campaign: [w for w in sided if w.campaign == v.campaign] for v in sided}
     said = {
         campaign: ", ".join(f"{v.name.removesuffix(f'_{v.unit}').replace('_', ' ')} {_sized(v)}" for v in values)
         for campaign, values in told.items()
