@@ -293,7 +293,7 @@ def pond():
 
     def question(*wind, duration: float) -> Question:
         with unchecked():
-            records = sail([replace(m, duration=duration) for m in asked], 10, *wind)
+            records = sail([replace(m, duration=duration) for m in asked], 10, *wind, step=0.4)
         raw = [over_ground(record, p) for record in records]
         step = common_step(raw, p)
         made = [prepared(run, step, p, "turning_circle") for run in raw]

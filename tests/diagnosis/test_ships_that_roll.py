@@ -38,7 +38,7 @@ from manoeuvre_nn.ship.container import container
 
 SHIP = container(gm=0.6, screws=2)
 CALM = CalmWater(SHIP)
-ZIGZAGS = [replace(zigzag(20.0, duration=150.0), name="zz20"), zigzag(10.0, first="port", duration=150.0)]
+ZIGZAGS = [replace(zigzag(20.0, duration=120.0), name="zz20"), zigzag(10.0, first="port", duration=120.0)]
 CIRCLES = [tactical_circle(a, approach=5.0, turn_deg=180.0) for a in (15.0, 30.0)]
 NOISE = {"x": 0.7, "y": 0.7, "u": 0.04, "v": 0.04, "r": 3.5e-4, "psi": 1.7e-3, "delta": 1.7e-3}
 NOISE |= {"phi": 1.7e-3, "p": 1e-3}

@@ -65,8 +65,18 @@ def program_and_runs(shape: str):
     return program, sailed(program)
 
 
-@pytest.mark.parametrize("kind", ["python", "c", "csv", "latex", "onnx"])
-@pytest.mark.parametrize("shape", SHAPES)
+EVERY_KIND = "wind through, six, no biases"
+"""The shape of most parts, of which every kind of text is made; of the others what is run fastest, the rest slowly."""
+
+
+@pytest.mark.parametrize(
+    "shape, kind",
+    [
+        pytest.param(shape, kind, marks=() if shape == EVERY_KIND or kind == "python" else pytest.mark.slow)
+        for shape in SHAPES
+        for kind in ("python", "c", "csv", "latex", "onnx")
+    ],
+)
 def test_what_is_written_takes_the_networks_steps_and_sails_its_manoeuvres(shape, kind):
     program, runs = program_and_runs(shape)
     assert not program.gives_rates

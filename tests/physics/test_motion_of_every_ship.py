@@ -21,6 +21,11 @@ from manoeuvre_nn.ship.esso_190k import SELF_PROPULSION, esso_190k
 from manoeuvre_nn.ship.tanker import TankerShip
 
 EVERY_SHIP = pytest.mark.parametrize("name", SHIPS)
+SOLVED = pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=[pytest.mark.slow] * (n in {"mariner_corrected", "mariner_chislett1965"})) for n in SHIPS],
+)
+"""Of the three tables of the Mariner one is enough to compare solutions in."""
 
 
 def acceleration(ship, u, rudder=0.0):
@@ -109,7 +114,7 @@ def test_shallow_water_tends_to_deep_water_as_the_depth_grows():
     assert gaps[0] > 0.1 and gaps[3] < 2e-3 and gaps[4] < 2e-6
 
 
-@EVERY_SHIP
+@SOLVED
 @pytest.mark.parametrize("trial", TRIALS)
 def test_the_batched_solution_is_the_accurate_one(name, trial):
     batched, accurate, half = rolled(name)[trial], solved(name, trial), rolled(name, parts=2)[trial]
@@ -121,7 +126,7 @@ def test_the_batched_solution_is_the_accurate_one(name, trial):
         assert np.abs(a["delta"] - b["delta"]).max() < 0.1 * DEGREE
 
 
-@EVERY_SHIP
+@SOLVED
 @pytest.mark.parametrize("trial", TRIALS)
 def test_rudder_rate_and_stop_are_kept(name, trial):
     ship = ship_named(name).particulars

@@ -161,7 +161,8 @@ def test_a_straight_line_has_one_branch(side):
 
 
 @pytest.mark.parametrize(
-    "ship", ["mariner_chislett1965", pytest.param("esso_190k", marks=pytest.mark.slow), "great_lakes_bulker"]
+    "ship",
+    [pytest.param(s, marks=pytest.mark.slow) for s in ("mariner_chislett1965", "esso_190k")] + ["great_lakes_bulker"],
 )
 def test_two_branches_predict_the_turns_of_other_ships(ship):
     made = ship_named(ship)
