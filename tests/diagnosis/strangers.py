@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 from fleet import unchecked
-from trials import CALM, NOISE, SHIP, run_of
+from trials import CALM, NOISE, SHIP, STEP, run_of
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
@@ -100,7 +100,11 @@ TRIALS = (
 
 
 def strange_runs(
-    seed: int, *acting: Effect, random: Sequence[tuple[float, str, float]] = (), scatter: float = SCATTER
+    seed: int,
+    *acting: Effect,
+    random: Sequence[tuple[float, str, float]] = (),
+    scatter: float = SCATTER,
+    step: float = STEP,
 ) -> list[Recording]:
     """Three runs in which something acts, or a random force (size, equation, correlation time) beside usual errors."""
     rng, names = np.random.default_rng(seed), Corrections(CALM).names
@@ -110,8 +114,8 @@ def strange_runs(
     usual = [(LACKS, e, MODEL_ERROR_TIME) for e in "XYN"]
     added = [Stranger(size, e, coloured(rng, time)) for size, e, time in (*usual, *random)]
     with unchecked():
-        records = roll_out(Vessel(Calibrated(CALM, shares), [*added, *acting]), TRIALS, step=1.0)
-    return [run_of(record, NOISE, 10 * seed + number) for number, record in enumerate(records)]
+        records = roll_out(Vessel(Calibrated(CALM, shares), [*added, *acting]), TRIALS, step=step, interval=step)
+    return [run_of(record, NOISE / step**0.5, 10 * seed + number) for number, record in enumerate(records)]
 
 
 def asked(runs: Sequence[Recording], effects: Sequence[Effect] = ()) -> Question:

@@ -128,7 +128,7 @@ def test_corrections_of_a_fitted_model_are_its_sensitivities():
 @pytest.fixture(scope="module")
 def stands():
     """The same two runs on the bench of published coefficients, and of a model that says what noise its fit had."""
-    record = runs([CIRCLE, ZIGZAG])
+    record = runs([CIRCLE, ZIGZAG], step=1.0)
 
     class Said(CalmWater):
         @property

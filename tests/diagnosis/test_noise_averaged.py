@@ -74,7 +74,9 @@ def test_at_the_usual_levels_and_time_nothing_changes():
 def test_what_goes_on_longer_leaves_a_constant_effect_less_certain():
     """The mean of a process over a time much longer than its memory T varies as T does, its error as the root of T."""
     # With a state for every sample: a memory of one step is not resolved.
-    stood = WhitenedDataSet(CALM, [prepared_run(CALM, run) for run in runs([CIRCLE, ZIGZAG], ACTING["thrust"])])
+    stood = WhitenedDataSet(
+        CALM, [prepared_run(CALM, run) for run in runs([CIRCLE, ZIGZAG], ACTING["thrust"], step=1.0)]
+    )
     errors = []
     h = hypothesis(PropellerPitchError(SHIP, fraction=0.15))
     for time in (2.0, 8.0):

@@ -25,6 +25,8 @@ CALM = CalmWater(SHIP)
 RATE = SHIP.particulars.rudder_rate
 NOISE = np.array([0.8, 0.8, 0.05, 0.05, 0.1 * DEGREE, 0.02 * DEGREE, 0.05, 0.003])
 """Standard deviations of the channels."""
+STEP = 2.0
+"""Between samples of runs [s]; their noise is such that they tell as much in all as at one every second."""
 ZIGZAG = zigzag(20.0, duration=240.0)
 CIRCLE = turning_circle(25.0, duration=240.0)
 PORT = turning_circle(15.0, side="port", duration=240.0)
@@ -42,7 +44,7 @@ def sailed(trials: Sequence[Manoeuvre], effects: Sequence[Effect] = (), step: fl
 def _sailed_once(trials: tuple[Manoeuvre, ...], effects: tuple[Effect, ...], step: float) -> tuple[Recording, ...]:
     """The same for all tests; effects are told apart as objects."""
     with unchecked():
-        return tuple(roll_out(Vessel(CALM, list(effects)), list(trials), step=step))
+        return tuple(roll_out(Vessel(CALM, list(effects)), list(trials), step=step, interval=step))
 
 
 def run_of(record: Recording, noise: np.ndarray | float = 0.0, seed: int = 0, **more) -> Recording:
@@ -65,9 +67,15 @@ def run_of(record: Recording, noise: np.ndarray | float = 0.0, seed: int = 0, **
     return with_measured(Recording(record.name, record.time, inputs, meta=meta), measured)
 
 
-def runs(trials: Sequence[Manoeuvre], effects: Sequence[Effect] = (), noise: np.ndarray | float = NOISE, seed: int = 0):
+def runs(
+    trials: Sequence[Manoeuvre],
+    effects: Sequence[Effect] = (),
+    noise: np.ndarray | float = NOISE,
+    seed: int = 0,
+    step: float = STEP,
+) -> list[Recording]:
     """Trials as runs, the noise of each its own."""
-    return [run_of(r, noise, seed + k) for k, r in enumerate(sailed(trials, effects))]
+    return [run_of(r, noise / step**0.5, seed + k) for k, r in enumerate(sailed(trials, effects, step))]
 
 
 def states_of(record: Recording) -> np.ndarray:

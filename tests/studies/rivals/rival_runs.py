@@ -32,9 +32,14 @@ def sailed(
     effects: Sequence[Effect] = (), noise: float = 1.0, seed: int = 0, held_out: bool = False
 ) -> list[Recording]:
     """A turn to port and a zigzag, a quarter of a second late by satellite."""
+    return [_run(record, noise, seed + k, held_out) for k, record in enumerate(_sailed_once(tuple(effects)))]
+
+
+@cache
+def _sailed_once(effects: tuple[Effect, ...]) -> tuple[Recording, ...]:
+    """The same for every noise; effects are told apart as objects."""
     with unchecked():
-        records = roll_out(Vessel(CALM, list(effects) or [NOTHING]), list(TRIALS), step=1.0)
-    return [_run(record, noise, seed + k, held_out) for k, record in enumerate(records)]
+        return tuple(roll_out(Vessel(CALM, list(effects) or [NOTHING]), list(TRIALS), step=1.0))
 
 
 def _run(record, noise: float, seed: int, held_out: bool) -> Recording:
