@@ -193,7 +193,13 @@ def test_the_default_ensemble_is_scored_with_its_spread_and_goes_on_after_a_kill
 
 
 def test_noisy_accelerations_get_no_more_steps_than_predict(cli, fast, tmp_path):
-    noisy = [*TINY_ENSEMBLE, "data.noise.r_deg_s=.02", "data.noise.v=.02", "fit.epochs=20"]
+    noisy = [
+        *TINY_ENSEMBLE,
+        "data.noise.r_deg_s=.02",
+        "data.noise.v=.02",
+        "fit.epochs=20",
+        "score=[{zz20: {duration: 20}}]",
+    ]
     assert cli(*noisy, f"out={tmp_path}/run").code == 0
     stored = torch.load(tmp_path / "run" / "checkpoints" / "last.ckpt", weights_only=True)["state_dict"]
     assert 0 <= int(stored["steps"]) < 20

@@ -40,6 +40,7 @@ from manoeuvre_nn.report.diagnosis_tables import (
     when_text,
     words,
 )
+from manoeuvre_nn.report.html import save_figures
 from manoeuvre_nn.report.interactive import scripts
 
 
@@ -387,13 +388,12 @@ def test_a_page_of_nothing_says_that_nothing_was_proved_and_leaves_out_the_rest(
     diagnosis_html(d, draw_diagnosis(d), tmp_path / "d.html")
     text = (tmp_path / "d.html").read_text(encoding="utf-8")
     assert not any(words in text for words in ("runner-up", "What to record next", "missing force", "What was found"))
-    assert "No run was held out, so nothing is proved" in text
-    assert text.count("<img") == 1
+    assert "No run was held out, so nothing is proved" in text and text.count("<img") == 1
 
 
 def test_tensorboard_gets_the_same_figures_and_the_numbers(tmp_path):
     d, figures = calm(), {name: Figure((1, 1)) for name in ("probabilities", "residual/r01")}
-    log_to_tensorboard(d, figures, tmp_path)
+    log_to_tensorboard(d, save_figures(figures, tmp_path / "figures"), tmp_path)
     events = EventAccumulator(str(tmp_path)).Reload()
     assert set(events.Tags()["images"]) == set(figures)
     assert events.Scalars("probability/current")[0].value == pytest.approx(0.03)

@@ -159,9 +159,7 @@ def diagnose_recordings(cfg: DictConfig, out: Path, console: Console) -> None:
         question = common.question(case)
         d = diagnose(question, tracker.step)
     with waiting(console, "drawing and writing the report"):
-        figures = draw_diagnosis(d)
-        write_page(d, figures, out)
-        log_to_tensorboard(d, figures, out / "tensorboard")
+        log_to_tensorboard(d, write_page(d, draw_diagnosis(d), out), out / "tensorboard")
     write_effects(found_effects(d, question.effects, common.shelf), f"{d.case}: {d.sentence}", out / "effects.yaml")
     write_answer(d, out)
     print_diagnosis(d, console)
@@ -169,10 +167,11 @@ def diagnose_recordings(cfg: DictConfig, out: Path, console: Console) -> None:
     console.print(f"report: {here / 'report.html'}   dashboard: tensorboard --logdir {here.parent}", soft_wrap=True)
 
 
-def write_page(d: Diagnosis, figures: Mapping[str, Figure], out: Path) -> None:
-    """Write ``report.html`` and ``figures/*.png``."""
+def write_page(d: Diagnosis, figures: Mapping[str, Figure], out: Path) -> dict[str, Path]:
+    """Write ``figures/*.png`` and ``report.html``, and return the files of the figures by their names."""
+    pictures = save_figures(figures, out / "figures")
     diagnosis_html(d, figures, out / "report.html")
-    save_figures(figures, out / "figures")
+    return pictures
 
 
 class _Tracker:

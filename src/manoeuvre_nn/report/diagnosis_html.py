@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.image import imread
 from torch.utils.tensorboard import SummaryWriter
 
 from manoeuvre_nn.diagnosis.result import Diagnosis
@@ -71,8 +72,8 @@ def diagnosis_html(d: Diagnosis, figures: Mapping[str, Figure], path: Path) -> N
     )
 
 
-def log_to_tensorboard(d: Diagnosis, figures: Mapping[str, Figure], folder: Path) -> None:
-    """Write the figures, the summary, probabilities and errors into a folder where TensorBoard finds them."""
+def log_to_tensorboard(d: Diagnosis, pictures: Mapping[str, Path], folder: Path) -> None:
+    """Write figures from their PNGs, the summary, probabilities and errors to a folder where TensorBoard finds them."""
     scalars = {f"probability/{cause.name}": cause.probability for cause in d.causes}
     for name, errors in (*((when, d.rmse(when)) for when in ("before", "alone", "after")), ("noise", d.noise)):
         scalars |= {f"rmse_{name}/{channel}": error for channel, error in errors.items()}
@@ -81,5 +82,5 @@ def log_to_tensorboard(d: Diagnosis, figures: Mapping[str, Figure], folder: Path
         for name, value in scalars.items():
             if np.isfinite(value):
                 writer.add_scalar(name, value)
-        for name, figure in figures.items():
-            writer.add_figure(name, figure)
+        for name, path in pictures.items():
+            writer.add_image(name, imread(path), dataformats="HWC")
