@@ -10,7 +10,7 @@ os.environ["OMP_NUM_THREADS"] = "1"  # the processes that share out the tests st
 # and tests/sparing.py sees to how its functions are checked.
 import pandas  # noqa: F401
 import pytest
-import sparing  # noqa: F401
+import sparing
 import torch
 import torchdiffeq  # noqa: F401
 from hypothesis import HealthCheck, settings
@@ -42,6 +42,11 @@ def pytest_xdist_auto_num_workers(config: pytest.Config) -> int:
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Files that take minutes are begun first: last, they would keep one process busy and the other waiting."""
     items.sort(key=lambda item: item.path.name not in {"test_concealed_cases.py", "test_notebooks.py"})
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    sparing.begin()
 
 
 def pytest_collection() -> None:

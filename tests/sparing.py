@@ -1,8 +1,9 @@
 """The checks of shapes and types while tests run: what a function was checked with once is not checked again.
 
 An annotation says something about an array's kind, type and shape and nothing about its numbers. To check it at each of
-the thousands of calls of a simulation would take two thirds of the time; and to make the checks of functions that no
-test calls, most of the time of an import.
+the thousands of calls of a simulation would take two thirds of the time, and to look whether it was checked already a
+tenth: in each test the first calls of a function count. To make the checks of functions that no test calls would take
+most of the time of an import.
 """
 
 from collections.abc import Callable, Collection, Hashable
@@ -16,7 +17,10 @@ import torch
 from beartype import beartype
 from jaxtyping import AbstractArray, config
 
-REMEMBERED, LONG = 100, 20
+REMEMBERED, LONG, CALLS = 100, 20, 100
+"""Kinds of arguments that are remembered; length from which a collection is like no other; calls that count."""
+test = 0
+"""Number of the test that runs."""
 complete = jaxtyping.jaxtyped
 
 
@@ -34,13 +38,25 @@ def jaxtyped(fn: Any = None, **how: Any) -> Any:
 
 def _spared(function: Callable) -> Callable:
     """The function with checks that are made at its first call."""
-    checks = cache(lambda: _checks(function))
+    checks, calls, within = cache(lambda: _checks(function)), 0, -1
 
     @wraps(function)
     def sparing(*args, **kwargs):
-        return function(*args, **kwargs) if config.jaxtyping_disable else checks()(*args, **kwargs)
+        nonlocal calls, within
+        if within != test:
+            calls, within = 0, test
+        calls += 1
+        if calls > CALLS or config.jaxtyping_disable:
+            return function(*args, **kwargs)
+        return checks()(*args, **kwargs)
 
     return sparing
+
+
+def begin() -> None:
+    """Count calls anew: another test begins."""
+    global test
+    test += 1
 
 
 def _checks(function: Callable) -> Callable:

@@ -59,6 +59,22 @@ def test_arguments_of_kinds_that_were_seen_are_not_checked_again(monkeypatch):
     assert [(len(a), by) for (a, by), _ in checks] == [(2, 1.0), (3, 2.0), (2, 2)]
 
 
+def test_of_thousands_of_calls_the_first_are_checked_in_every_test():
+    def fails() -> bool:
+        try:
+            product(torch.zeros(2), torch.zeros(3).long())
+        except TypeCheckError:
+            return True
+        except RuntimeError:  # what torch says of it
+            return False
+        return False
+
+    sparing.begin()
+    assert [fails() for _ in range(sparing.CALLS + 2)] == [True] * sparing.CALLS + [False] * 2
+    sparing.begin()
+    assert fails()
+
+
 def test_a_function_without_shapes_is_checked_at_each_call_in_arguments_and_result():
     @jaxtyped(typechecker=sparing.checked)
     def named(number: int, name: str = "a") -> str | None:
