@@ -1,9 +1,11 @@
-"""Damaged checkpoints of every fit, and damaged configs beside them, opened by every command that opens one.
+"""Damaged checkpoints of every fit, and damaged files beside them, opened by every command that opens one.
 
 A checkpoint is changed by field, by byte or in its archive, or is a pickle that runs a command. It must be refused in
-one line, or what comes of it must have finite numbers; changed weights are never taken for the stored ones.
+one line, or what comes of it must have finite numbers; changed weights are never taken for the stored ones. A folder
+that ``compare`` is given with sound ones must leave their rows as they are.
 """
 
+import csv
 import json
 import os
 import pickle
@@ -28,6 +30,14 @@ FITS = (
     "train", "train backprop", "train ensemble", "train series", "train recursive", "train pitch", "train rbf",
     "train grnn",
 )  # fmt: skip
+KEPT = "scores.kept"
+"""What the scores of a run are called while they are not to be found."""
+OF_A_RUN = ("scores.json", "config.yaml", ".hydra/overrides.yaml", "error.txt")
+"""Files of a run that ``compare`` reads."""
+TEXTS = (b"", b"\xff\xfe\x00", b"[", b"null", b"7", b"[1, 2]", b'"x"', b"NaN", b'{"scores": NaN}', b"{" * 5000,
+         b"- - -", b"a: &a [*a]", b"!!python/object/apply:os.system ['touch executed']", b"\x1b[2J\nx",
+         b"9" * 5000)  # fmt: skip
+"""What may stand in such a file."""
 OTHERS = (0, 1.5, "\x1b[2J", 1e308, float("inf"), [[[]]], "${oc.env:HOME}", {"_target_": "os.system"}, 2**62, False)
 """What is put into a field beside :data:`.SPOILT`."""
 OPENED: dict[str, Callable[[str, Path], tuple[str, ...]]] = {
@@ -37,6 +47,7 @@ OPENED: dict[str, Callable[[str, Path], tuple[str, ...]]] = {
     "diagnose": lambda fit, run: (*legal("diagnose"), f"model={run / 'checkpoints' / 'last.ckpt'}"),
     "excite": lambda fit, run: (*legal("excite"), f"model={run / 'checkpoints' / 'last.ckpt'}"),
     "coefficients": lambda fit, run: ("coefficients", f"run={run}", "out=out"),
+    "compare": lambda fit, run: ("compare", str(run), str(inputs() / "trained"), str(inputs() / "series"), "out=out"),
 }  # fmt: skip
 """How a checkpoint is opened -> the command, of a fit and the folder of its run."""
 
@@ -49,7 +60,8 @@ def attack(number: int, seed: int, folder: Path) -> Outcome:
     run = folder / "run"
     shutil.copytree(_trained(fit), run, ignore=shutil.ignore_patterns("figures", "tensorboard", "predictions"))
     ways = [_field, _field, _field, _field, _bytes, _archive, _pickled, _config]
-    damage = _coefficients if how == "coefficients" else draw.choice(ways)
+    of_files = {"coefficients": _coefficients, "compare": draw.choice([_results, _results, _results, _other_folder])}
+    damage = of_files[how] if how in of_files else draw.choice(ways)
     told = damage(run, draw, folder)
     what = f"{fit}, {told}, {how}"
     return _judged(typed(OPENED[how](fit, run), folder, LIMIT_S), what, folder, run)
@@ -63,7 +75,7 @@ def _trained(fit: str) -> Path:
     ended = typed(words, inputs(), 300)
     if ended.code:
         raise RuntimeError(f"{words}: {ended.err}")
-    (folder / "scores.json").unlink()  # so that the run is gone on with
+    (folder / "scores.json").rename(folder / KEPT)  # so that the run is gone on with
     return folder
 
 
@@ -168,6 +180,52 @@ def _coefficients(run: Path, draw: random.Random, folder: Path) -> str:
     return f"coefficients: {'.'.join(map(str, place))} = {str(value)[:40]!r}"
 
 
+def _results(run: Path, draw: random.Random, folder: Path) -> str:
+    """Another value in one field of what a run left, or a file that is cut, foreign, a folder or not there."""
+    (run / KEPT).rename(run / OF_A_RUN[0])
+    path = run / draw.choice(OF_A_RUN)
+    path.parent.mkdir(exist_ok=True)
+    how = draw.choice(("field", "field", "field", "cut", "foreign", "foreign", "folder", "link", "missing"))
+    content = path.read_bytes() if path.exists() else b""
+    if how == "field" and path.suffix in {".json", ".yaml"}:
+        found = yaml.safe_load(content)
+        place = draw.choice(list(places(found)))
+        value = draw.choice([v for v in (*SPOILT, *OTHERS, 2**1024 - 1) if not isinstance(v, torch.Tensor)])
+        made = changed(found, place, value)
+        path.write_text(json.dumps(made) if path.suffix == ".json" else yaml.safe_dump(made))
+        return f"{path.name}: {'.'.join(map(str, place))} = {str(value)[:40]!r}"
+    path.unlink(missing_ok=True)
+    if how == "cut":
+        path.write_bytes(content[: draw.randrange(len(content) + 1)])
+    elif how == "folder":
+        path.mkdir()
+    elif how == "link":
+        path.symlink_to(draw.choice((path.name, "nowhere", "/dev/zero")))
+    elif how != "missing":
+        path.write_bytes(draw.choice(TEXTS))
+    return f"{path.name}: {how}"
+
+
+def _other_folder(run: Path, draw: random.Random, folder: Path) -> str:
+    """A folder of another command, or of none, in the place of the run."""
+    shutil.rmtree(run)
+    name = draw.choice(("runs", "cases", ""))
+    if name:
+        shutil.copytree(inputs() / name, run)
+    else:
+        run.mkdir()
+    return f"{name or 'empty'} folder"
+
+
+def _rows_left(folder: Path) -> bool:
+    """Whether ``compare`` tells of the sound runs what their files say."""
+    with (folder / "out" / "runs.csv").open(encoding="utf-8", newline="") as file:
+        rows = {row["job"].rpartition("/")[2]: row for row in csv.DictReader(file)}
+    sound = [inputs() / name for name in ("trained", "series")]
+    told = {run.name: json.loads((run / "scores.json").read_text())["mean_dev_L"] for run in sound}
+    return all(name in rows and abs(float(rows[name]["mean dev/L"]) / dev - 1) < 1e-9 for name, dev in told.items())
+
+
 def _judged(ended: Ended, what: str, folder: Path, run: Path) -> Outcome:
     """What came of it."""
     lines = ended.err.splitlines()
@@ -178,6 +236,8 @@ def _judged(ended: Ended, what: str, folder: Path, run: Path) -> Outcome:
         return Outcome("hang", said)
     if ended.code == 0:
         flipped = "flipped" in what and not _same_weights(run, what)
+        if what.endswith(", compare"):
+            return Outcome("right answer" if _rows_left(folder) else "wrong", said)
         return Outcome("wrong" if flipped or not _finite(folder) else "right answer", said)
     if ended.code != 2 or "Traceback" in ended.err:
         return Outcome("traceback", said)

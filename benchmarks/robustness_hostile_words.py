@@ -5,7 +5,8 @@ SPOILT: dict[type, dict[str, tuple[str, ...]]] = {
     bool: {REFUSED: ("banana", "3", "[]", "{a: 1}", "nan")},
     float: {
         REFUSED: ("banana", "nan", "{a: 1}", "[1,[2]]", "'7; touch executed'"),
-        EITHER: ("inf", "-1", "0", "1e308", "-1e308", "1e-308", "true", "null", "1000000000000000000000"),
+        EITHER: ("inf", "-1", "0", "1e308", "-1e308", "1e-308", "true", "null", "1000000000000000000000",
+                 "1e12", "-1e12", "1e-12", "1000000000"),
     },
     str: {
         EITHER: (
@@ -15,7 +16,7 @@ SPOILT: dict[type, dict[str, tuple[str, ...]]] = {
         )
     },
     list: {EITHER: ("banana", "[]", "{a: 1}", "[[[]]]", "[null]", "[nan]", "[1e308]", "7", "[" + "1," * 5000 + "1]")},
-    type(None): {EITHER: ("banana", "{a: 1}", "[-1]", "nan", "-1", "1e308", "../../elsewhere")},
+    type(None): {EITHER: ("banana", "{a: 1}", "[-1]", "nan", "-1", "1e308", "1e12", "1e-12", "../../elsewhere")},
 }  # fmt: skip
 """Kind of a setting's value -> what is written instead."""
 ANY: dict[str, tuple[str, ...]] = {

@@ -30,7 +30,7 @@ from manoeuvre_nn.core.ending import TERMINATED, Terminated, listen, one_line  #
 
 if __name__ == "__main__" and not any(word.startswith("stage=") for word in sys.argv):
     listen()  # imports take seconds
-from manoeuvre_nn.commands.settings import MAX_COUNT, MAX_THREADS, whole  # noqa: E402
+from manoeuvre_nn.commands.settings import MAX_SEED, MAX_THREADS, whole  # noqa: E402
 from manoeuvre_nn.core.errors import InputError  # noqa: E402
 from manoeuvre_nn.core.writing import locked  # noqa: E402
 from studies.concealed_trial.channels import CHANNEL_SETS  # noqa: E402
@@ -88,7 +88,7 @@ def settings(arguments: list[str]) -> dict[str, str]:
     return result
 
 
-def number(given: dict[str, str], key: str, least: int, most: int = MAX_COUNT) -> int:
+def number(given: dict[str, str], key: str, least: int, most: int = MAX_SEED) -> int:
     """A whole number among the settings.
 
     Args:

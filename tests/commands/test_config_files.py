@@ -17,7 +17,6 @@ from manoeuvre_nn.commands.shelves import build
 from manoeuvre_nn.core.data_files import load_yaml
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
-from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.manoeuvre.zigzag import mixed_zigzag, zigzag
 from manoeuvre_nn.network.perceptron import rajesh_network, wang_network
 from manoeuvre_nn.recording.read.mapping_file import read_captive_mapping
@@ -204,30 +203,35 @@ def test_objects_are_passed_on_as_they_are():
         (
             zigzag,
             {"rudder_deg": 20, "foo": 1},
-            "settings of zigzag: foo is unknown; it has rudder_deg, heading_deg, first, executes, duration, start_deg, "
-            "name",
+            "manoeuvre.foo: there is no such setting; those of zigzag are: rudder_deg, heading_deg, first, executes, "
+            "duration, start_deg, name",
         ),
         (
             own_particulars,
             {"name": "ferry", "length": 120, "breadth": 20, "draught": 5, "block": 0.6, "speed_kn": 18},
-            "settings of OwnParticulars: beam is missing: write it in the yaml, in the place of breadth",
+            "ship.beam is missing: write it in the yaml, in the place of breadth",
         ),
         (
             zigzag,
             {"rudder": 20},
-            "settings of zigzag: rudder_deg is missing: write it in the yaml, in the place of rudder",
+            "manoeuvre.rudder_deg is missing: write it in the yaml, in the place of rudder",
         ),
-        (wang_network, {"hidden": "many"}, "hidden=many: expected a whole number"),
-        (wang_network, {"hidden": 3.5}, "hidden=3.5: expected a whole number"),
-        (wang_network, {"spread": 10**21}, f"spread={10**21}: expected a number of at most 9.2e+18"),
-        (wang_network, {"spread": "wide"}, "spread=wide: expected a number"),
-        (zigzag, {"rudder_deg": 20, "duration": "long"}, "duration=long: expected a number or null"),
-        (Current, {"ship": None, "speed": "fast"}, "speed=fast: expected a number"),
-        (mixed_zigzag, {"rudder_deg": 20}, "rudder_deg=20: expected numbers in brackets such as rudder_deg=[5,10,20]"),
+        (wang_network, {"hidden": "many"}, "network.hidden=many: expected a whole number"),
+        (wang_network, {"hidden": 3.5}, "network.hidden=3.5: expected a whole number from -1e+09 to 1e+09"),
+        (wang_network, {"spread": 10**21}, f"network.spread={10**21}: expected a number from -1e+15 to 1e+15"),
+        (wang_network, {"spread": "wide"}, "network.spread=wide: expected a number"),
+        (zigzag, {"rudder_deg": 20, "duration": "long"}, "manoeuvre.duration=long: expected a number or null"),
+        (wang_network, {"activation": 3}, "network.activation=3: expected sigmoid or tanh"),
+        (wang_network, {"spread": float("inf")}, "network.spread=inf: expected a number from -1e+15 to 1e+15"),
+        (
+            mixed_zigzag,
+            {"rudder_deg": 20},
+            "manoeuvre.rudder_deg=20: expected numbers in brackets such as rudder_deg=[5,10,20]",
+        ),
         (
             mixed_zigzag,
             {"heading_deg": ["far"]},
-            "heading_deg=['far']: expected numbers in brackets such as heading_deg=[5,10,20] or null",
+            "manoeuvre.heading_deg=['far']: expected numbers in brackets such as heading_deg=[5,10,20] or null",
         ),
     ],
 )

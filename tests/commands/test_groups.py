@@ -90,7 +90,7 @@ def test_a_switch_is_no_number_and_a_table_no_word(change, said):
 
 
 def test_a_file_does_not_say_on_which_ship_an_effect_acts():
-    with pytest.raises(InputError, match="effect: ship=3.1 is no setting of Squat: leave ship out"):
+    with pytest.raises(InputError, match="effect.ship=3.1 is no setting of Squat: leave ship out"):
         build({**option("effect", "squat"), "ship": 3.1}, "effect", ship=mariner())
 
 

@@ -278,7 +278,7 @@ def test_a_config_beside_a_checkpoint_that_was_changed_field_by_field_is_refused
 
 def test_a_network_that_no_memory_could_hold_is_not_begun(tmp_path, done):
     good = yaml.safe_load((done / "config.yaml").read_text())["network"]
-    with pytest.raises(InputError, match=r"network has a size of 1e\+09; expected 100000 at most"):
+    with pytest.raises(InputError, match=r"network.hidden=1e\+09: expected 100000 at most"):
         load_model(beside(done, tmp_path / "run", {"network": {**good, "hidden": 10**9}}))
 
 

@@ -12,7 +12,8 @@ from rich.table import Table
 
 from manoeuvre_nn.commands.logs import logged
 from manoeuvre_nn.commands.provenance import CONFIG, flat, shown, versions
-from manoeuvre_nn.commands.shelves import SEVERAL, TARGET
+from manoeuvre_nn.commands.settings import SEVERAL
+from manoeuvre_nn.commands.shelves import TARGET
 from manoeuvre_nn.core.data_files import OVERRIDES, load_yaml, overrides_of
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.plain_text import harmless

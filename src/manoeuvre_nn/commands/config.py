@@ -7,7 +7,7 @@ from typing import Any
 
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
-from manoeuvre_nn.commands.groups import option
+from manoeuvre_nn.commands.groups import COMMON, option
 from manoeuvre_nn.commands.shelves import TARGET, build
 from manoeuvre_nn.core.data_files import check_plain, load_yaml, without_format
 from manoeuvre_nn.core.effect import Effect
@@ -21,14 +21,15 @@ from manoeuvre_nn.recording.read.mapping import Mapping as ColumnMapping
 
 def training_manoeuvres(config: DictConfig) -> list[Manoeuvre]:
     """The manoeuvres of ``cfg.manoeuvre`` (an entry each or for several) with what holds for all of them."""
-    chosen = [v for v in config.values() if isinstance(v, DictConfig) and TARGET in v]
+    chosen = {name: said for name, said in config.items() if name not in COMMON}
     speed = approach_speed(config)
-    return with_sides([m.at_speed(speed) for v in chosen for m in _built(v)], config)
+    made = [m for name, said in chosen.items() for m in _built(said, f"manoeuvre.{name}")]
+    return with_sides([m.at_speed(speed) for m in made], config)
 
 
-def _built(settings: Any) -> list[Manoeuvre]:
+def _built(settings: Any, where: str) -> list[Manoeuvre]:
     """What an entry of conf/manoeuvre makes: one, or a set."""
-    made = build(settings, "manoeuvre")
+    made = build(settings, "manoeuvre", where)
     return made if isinstance(made, list) else [made]
 
 
@@ -40,7 +41,7 @@ def with_sides(manoeuvres: Sequence[Manoeuvre], config: DictConfig) -> list[Mano
 
 def chosen_effects(config: DictConfig | None, ship: Ship) -> list[Effect]:
     """The effects of ``cfg.effect`` (an entry each, or None) on a ship, in the order in which they were named."""
-    return [build(settings, "effect", ship=ship) for settings in (config or {}).values()]
+    return [build(settings, "effect", f"effect.{name}", ship=ship) for name, settings in (config or {}).items()]
 
 
 def with_effects(cfg: DictConfig) -> DictConfig:
@@ -99,13 +100,16 @@ def approach_speed(config: DictConfig) -> float | None:
     return None if speed is None else speed * KNOT
 
 
-def named_manoeuvres(names: Sequence[Any], speed: float | None, own: str | None = None) -> list[Manoeuvre]:
+def named_manoeuvres(
+    names: Sequence[Any], speed: float | None, own: str | None = None, setting: str = "score"
+) -> list[Manoeuvre]:
     """Manoeuvres by the names of their files in ``conf/manoeuvre``.
 
     Args:
         names: Names, or ``{name: {setting: value}}``.
         speed: Approach speed [m/s]; None is the ship's own.
         own: Folder of the user's own.
+        setting: The setting that names them, for messages.
 
     Returns:
         Manoeuvres. An unknown name is refused with a list of those that exist.
@@ -116,10 +120,10 @@ def named_manoeuvres(names: Sequence[Any], speed: float | None, own: str | None 
     made = []
     for entry in names:
         if isinstance(entry, Mapping) and [type(v) for v in entry.values()] != [dict]:
-            raise InputError(f"score has an entry {entry}: write a name, or {{name: {{setting: value}}}}")
+            raise InputError(f"{setting} has an entry {entry}: write a name, or {{name: {{setting: value}}}}")
         name, settings = next(iter(entry.items())) if isinstance(entry, Mapping) else (entry, {})
-        usual = option("manoeuvre", name, own, "manoeuvre in score")
-        made += [m.at_speed(speed) for m in _built(OmegaConf.create({**usual, **settings}))]
+        usual = option("manoeuvre", name, own, f"manoeuvre in {setting}")
+        made += [m.at_speed(speed) for m in _built(OmegaConf.create({**usual, **settings}), f"{setting}.{name}")]
     return made
 
 

@@ -177,7 +177,7 @@ def wanted(chosen: Any, shelf: Mapping[str, Mapping[str, Any]]) -> list[str]:
 
 
 def _class_of(entry: Mapping[str, Any]) -> type[Effect]:
-    return on_shelf(str(entry[TARGET]), "effect")  # type: ignore[return-value]
+    return on_shelf(entry.get(TARGET), "effect")  # type: ignore[return-value]
 
 
 def _prototype(entry: Mapping[str, Any], ship: Ship) -> Effect:

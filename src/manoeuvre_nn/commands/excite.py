@@ -10,7 +10,16 @@ from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
 from manoeuvre_nn.commands import config as configs
-from manoeuvre_nn.commands.job import NOTHING_HELD_OUT, Job, config_beside, known_part, load_model, prepare, with_rate
+from manoeuvre_nn.commands.job import (
+    NOTHING_HELD_OUT,
+    Job,
+    check_model,
+    config_beside,
+    known_part,
+    load_model,
+    prepare,
+    with_rate,
+)
 from manoeuvre_nn.commands.provenance import check_same_run, shown, versions, write_provenance
 from manoeuvre_nn.commands.shelves import check_arguments, plain
 from manoeuvre_nn.commands.train import fit
@@ -32,7 +41,6 @@ from manoeuvre_nn.report.design_figures import gain_figure, where_figure
 from manoeuvre_nn.report.design_tables import ManoeuvreAdvice, advice_json, advice_rows, sentence, target_rows
 from manoeuvre_nn.report.html import Report, save_figures, write_report
 from manoeuvre_nn.report.tables import rich_table
-from manoeuvre_nn.training.checkpoint import read_checkpoint
 from manoeuvre_nn.training.ensemble import steps_in_noise
 
 RESULT, PAGE = "excite.json", "report.html"
@@ -108,7 +116,7 @@ def question_of(cfg: DictConfig) -> _Question:
         InputError: If a setting is wrong, or the ship can sail none of the candidates.
     """
     check_choice("goal", cfg.goal, GOALS)
-    check_arguments(DesignEffort, cfg.effort)
+    check_arguments(DesignEffort, cfg.effort, "effort")
     recorded = "files" in cfg.data
     job = prepare(OmegaConf.merge(cfg, {"score": "default" if recorded else NOTHING_HELD_OUT}))  # type: ignore[arg-type]
     ship, known = known_part(cfg)
@@ -116,8 +124,8 @@ def question_of(cfg: DictConfig) -> _Question:
         raise InputError(f"goal=accuracy asks {OF_ENSEMBLE}, or goal=coefficients")
     speed = configs.approach_speed(cfg.manoeuvre)
     candidates, targets = (
-        configs.named_manoeuvres(configs.as_list(names), speed, cfg.get("config_dir"))
-        for names in (cfg.candidates, cfg.score)
+        configs.named_manoeuvres(configs.as_list(cfg[setting]), speed, cfg.get("config_dir"), setting)
+        for setting in ("candidates", "score")
     )
     possible, refused = _possible(candidates, known.particulars)
     if not possible or not targets:
@@ -153,7 +161,7 @@ def _of_model(cfg: DictConfig) -> DictConfig:
     if cfg.model is None:
         return cfg
     path = Path(str(cfg.model))
-    read_checkpoint(path)
+    check_model(path)
     told = config_beside(path)
     plain = OmegaConf.to_container(cfg)
     assert isinstance(plain, dict)

@@ -3,6 +3,7 @@
 import inspect
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
+from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
@@ -94,17 +95,19 @@ def prepare(
     ship, known = known_part(cfg, ship)
     network, scaling, dtype = blank_network(cfg)
     check_pair(cfg, type(network))
-    check_arguments(RolloutScore, {"held_out": None, **cfg.scoring})
+    check_arguments(RolloutScore, cfg.scoring, "scoring", ["held_out"])
     common: dict[str, Any] = {"ship": ship, "known": known, "seed": cfg.seed, "dtype": dtype}
     data = _given(cfg, common, runs) if runs else _data(cfg, common)
+    _blank_fit(cfg, ship, known, deepcopy(network), dtype)  # so that its settings are refused before any computing
     return Job(data, network, scaling, dtype, session_of(cfg))
 
 
 def session_of(cfg: DictConfig) -> session.Session:
     """How long to train, what to keep and where to log it, as ``cfg.trainer`` and ``cfg.logger`` say it."""
     lasting = {k: v for k, v in cfg.trainer.items() if k != "threads"}
-    lasting["loggers"] = [build(settings, "logger") for settings in (cfg.get("logger") or {}).values()]
-    check_arguments(session.Session, lasting)
+    chosen = cfg.get("logger") or {}
+    lasting["loggers"] = [build(said, "logger", f"logger.{name}") for name, said in chosen.items()]
+    check_arguments(session.Session, lasting, "trainer")
     return session.Session(**lasting)
 
 
@@ -153,7 +156,7 @@ def blank_network(
     Raises:
         InputError: If the first or the second is not said how, or the network has a size of its own.
     """
-    settings = plain(cfg.network)
+    settings = plain(cfg.network, "network")
     _check_sizes(settings, "network")
     for key in ("scaling", "dtype"):
         if key not in settings:
@@ -161,7 +164,7 @@ def blank_network(
     scaling, name = str(settings.pop("scaling")), str(settings.pop("dtype"))
     check_choice("network.dtype", name, list(DTYPES))
     dtype = DTYPES[name]
-    target, wanted = str(settings.get(TARGET)), sizes or {}
+    target, wanted = settings.get(TARGET), sizes or {}
     if not set(wanted) <= set(inspect.signature(on_shelf(target, "network")).parameters):
         sized = ", ".join(name for name in options("network", cfg.get("config_dir")) if _takes(name, wanted))
         raise InputError(f"network._target_={target} has the inputs of a ship's forces: write network= one of {sized}")
@@ -174,7 +177,7 @@ def blank_network(
 
 def _takes(name: str, wanted: Mapping[str, int]) -> bool:
     """Whether an option of conf/network can be given these sizes."""
-    made = on_shelf(str(option("network", name).get(TARGET)), "network")
+    made = on_shelf(option("network", name).get(TARGET), "network")
     return set(wanted) <= set(inspect.signature(made).parameters)
 
 
@@ -211,13 +214,19 @@ def _given(cfg: DictConfig, common: dict[str, Any], runs: Sequence[Recording]) -
     if named:
         raise InputError(f"data.{named[0]} names files, and recordings are given: leave it out")
     kept = {k: v for k, v in plain(cfg.data).items() if k not in OF_FILES}
-    return RecordedData(runs=runs, **gathered(RecordedData, {**kept, **common}))
+    return RecordedData(runs=runs, **gathered(RecordedData, {**kept, **common}, "data"))
 
 
 def make_fit(cfg: DictConfig, job: Job[ManoeuvreData]) -> Fit:
     """Join known part, network and scaling of a job whose data are set up, and give them to the chosen method."""
     scaling = make_scaling(job.scaling, job.data.known, job.data.tuples)
     return fit_of(cfg, joined_model(job.data.reference, job.data.known, job.network, scaling).to(job.dtype))
+
+
+def _blank_fit(cfg: DictConfig, ship: Ship | Particulars, known: Ship, network: Network, dtype: torch.dtype) -> Fit:
+    """The chosen method with a model that has seen no data."""
+    blank = Scaling(torch.zeros(4), torch.ones(4), torch.ones(3))
+    return fit_of(cfg, joined_model(ship, known, network, blank).to(dtype))
 
 
 def fit_of(cfg: DictConfig, dynamics: IdentifiedShip | RecursiveShip | Response) -> Fit:
@@ -232,10 +241,10 @@ def fit_of(cfg: DictConfig, dynamics: IdentifiedShip | RecursiveShip | Response)
 def _check_sizes(value: Any, where: str) -> None:
     """Refuse a network that no memory could hold."""
     if isinstance(value, Mapping | list):
-        for inner in value.values() if isinstance(value, Mapping) else value:
-            _check_sizes(inner, where)
+        for name, inner in value.items() if isinstance(value, Mapping) else [("", one) for one in value]:
+            _check_sizes(inner, f"{where}.{name}" if name else where)
     elif isinstance(value, int | float) and MAX_NETWORK_SIZE < abs(value):
-        raise InputError(f"{where} has a size of {value:.3g}; expected {MAX_NETWORK_SIZE} at most")
+        raise InputError(f"{where}={value:.3g}: expected {MAX_NETWORK_SIZE} at most")
 
 
 def config_beside(checkpoint: Path, parts: Sequence[str] = PARTS) -> DictConfig:
@@ -310,6 +319,20 @@ def caveat_of(checkpoint: Path) -> str:
     return f"the model {told} {by}: what is found may be its own error" if told else ""
 
 
+def check_model(path: Path) -> None:
+    """Refuse what cannot be the checkpoint of a model.
+
+    Args:
+        path: What was given.
+
+    Raises:
+        InputError: If it is no checkpoint.
+    """
+    if not path.is_file():
+        raise InputError(f"model={path} is no file: write the path of a checkpoint such as OUT/checkpoints/best.ckpt")
+    read_checkpoint(path)
+
+
 def load_model(path: Path) -> IdentifiedShip | RecursiveShip:
     """A model from the checkpoint of a training.
 
@@ -319,13 +342,12 @@ def load_model(path: Path) -> IdentifiedShip | RecursiveShip:
     Returns:
         Known part and network in double precision; a checkpoint or config that cannot be used is refused.
     """
-    read_checkpoint(path)
+    check_model(path)
     cfg = config_beside(path)
     with made_again(path):
         ship, known = known_part(cfg)
         network, _, dtype = blank_network(cfg)
-        blank = Scaling(torch.zeros(4), torch.ones(4), torch.ones(3))
-        fit = fit_of(cfg, joined_model(ship, known, network, blank).to(dtype))
+        fit = _blank_fit(cfg, ship, known, network, dtype)
     load_weights(fit, path)
     return fit.dynamics.double()
 

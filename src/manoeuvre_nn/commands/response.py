@@ -1,6 +1,7 @@
 """``manoeuvre train task=pitch``: approximate a response of a ship in a seaway by a network."""
 
 from collections.abc import Mapping
+from copy import deepcopy
 from dataclasses import fields, replace
 from math import inf, isfinite
 from pathlib import Path
@@ -51,8 +52,10 @@ def prepare(cfg: DictConfig) -> Job[ResponseData]:
     quantities, values = quantities_of(cfg)
     network, scaling, dtype = response_network(cfg, quantities)
     check_pair(cfg, type(network))
-    check_arguments(ResponseScore, {"data": None, **cfg.scoring})
-    return Job(_data(cfg, quantities, values, dtype), network, scaling, dtype, session_of(cfg))
+    check_arguments(ResponseScore, cfg.scoring, "scoring", ["data"])
+    data = _data(cfg, quantities, values, dtype)
+    _blank_fit(cfg, quantities, deepcopy(network), dtype)  # so that its settings are refused before any computing
+    return Job(data, network, scaling, dtype, session_of(cfg))
 
 
 def quantities_of(cfg: DictConfig) -> tuple[Quantities, dict[str, list[float]]]:
@@ -122,7 +125,7 @@ def _data(
     """The data module: records to be computed, or read from tables."""
     settings = plain(cfg.data)
     shares = {"learning": cfg.learning, "validation": settings.pop("validation", 0.0)}
-    check_arguments(Split, shares)
+    check_arguments(Split, shares, "data")
     ship = build(cfg.ship, "ship").particulars
     common: dict[str, Any] = {"split": Split(**shares, seed=cfg.seed), "dtype": dtype}
     if "files" in settings:
@@ -173,6 +176,13 @@ def read_records_mapping(path: str | None) -> RecordsMapping | None:
     return records_mapping(**settings)
 
 
+def _blank_fit(cfg: DictConfig, quantities: Quantities, network: Network, dtype: torch.dtype) -> Fit:
+    """The chosen method with an approximation that has seen no records."""
+    count = len(quantities.sees)
+    blank = Scaling(torch.zeros(count), torch.ones(count), torch.ones(1), torch.zeros(1))
+    return fit_of(cfg, Response(network, blank, quantities).to(dtype))
+
+
 def make_response_fit(cfg: DictConfig, job: Job[ResponseData]) -> Fit:
     """Join network and scaling of a job whose data are set up, and give them to the chosen method."""
     x, y, *_ = job.data.train_dataloader().dataset[0]
@@ -205,9 +215,7 @@ def load_response(path: Path) -> Response:
     with made_again(path):
         quantities, _ = quantities_of(cfg)
         network, _, dtype = response_network(cfg, quantities)
-        count = len(quantities.sees)
-        blank = Scaling(torch.zeros(count), torch.ones(count), torch.ones(1), torch.zeros(1))
-        made = fit_of(cfg, Response(network, blank, quantities).to(dtype))
+        made = _blank_fit(cfg, quantities, network, dtype)
     load_weights(made, path)
     assert isinstance(made.dynamics, Response)
     return made.dynamics.double()

@@ -8,13 +8,15 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from types import NoneType, UnionType
-from typing import Any, Literal, NamedTuple, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_origin
 
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from manoeuvre_nn.commands.groups import option, options, own_modules
+from manoeuvre_nn.commands.settings import SEVERAL, shown
 from manoeuvre_nn.core.data_files import PLAIN, check_plain
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.limits import MAX_COUNTED, MAX_SEED, NumberLimits, is_sensible
 
 TARGET = "_target_"
 
@@ -44,18 +46,15 @@ SHELVES = {
     "logger": _Shelf(("manoeuvre_nn.training.loggers",), ("manoeuvre_nn.training.loggers.LogTo",)),
 }
 """Group of conf -> its shelf."""
-MAX_WHOLE = 2**63 - 1
-"""Largest whole number that a tensor holds."""
-SEVERAL = ("manoeuvre", "effect", "logger")
-"""Groups of which several are chosen at once, each under its name."""
 
 
-def build(config: Any, group: str, **more: Any) -> Any:
+def build(config: Any, group: str, where: str | None = None, /, **more: Any) -> Any:
     """Make the object that a piece of config describes.
 
     Args:
         config: Mapping with ``_target_`` and settings. Flat settings are gathered into an argument that is a dataclass.
         group: Group of conf that it belongs to.
+        where: Where it stands in a config, for messages; by default in the group.
         more: Further arguments.
 
     Returns:
@@ -64,32 +63,34 @@ def build(config: Any, group: str, **more: Any) -> Any:
     Raises:
         InputError: If it is not on the group's shelf, or an argument is unknown or of the wrong kind.
     """
-    described = plain(config)
-    made = on_shelf(str(described.get(TARGET)), group)
+    where = where or group
+    described = plain(config, where)
+    made = on_shelf(described.get(TARGET), group, where)
     settings = {name: value for name, value in described.items() if name != TARGET}
-    check_plain(settings, group)
+    check_plain(settings, where)
     for name in settings.keys() & more.keys():
-        raise InputError(f"{group}: {name}={settings[name]} is no setting of {made.__name__}: leave {name} out")
-    settings = gathered(made, {**settings, **more})
-    check_arguments(made, settings)
+        raise InputError(f"{where}.{name}={shown(settings[name])} is no setting of {made.__name__}: leave {name} out")
+    settings = gathered(made, {**settings, **more}, where)
+    check_arguments(made, settings, where, list(more))
     return made(**settings)
 
 
-def plain(config: Any) -> dict[str, Any]:
+def plain(config: Any, where: str = "") -> dict[str, Any]:
     """A piece of config as plain dicts and lists, interpolations resolved; what is no mapping is refused."""
     if isinstance(config, DictConfig | ListConfig):
         config = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
     if not isinstance(config, Mapping):
-        raise InputError(f"{config!r}: expected settings, as in the files of conf")
+        raise InputError(f"{where}={shown(config)}: expected settings, as in the files of conf")
     return {str(key): value for key, value in config.items()}
 
 
-def on_shelf(target: str, group: str) -> Callable[..., Any]:
+def on_shelf(target: Any, group: str, where: str | None = None) -> Callable[..., Any]:
     """Find what a ``_target_`` names; nothing outside the shelf is imported.
 
     Args:
         target: Import path.
         group: Group of conf.
+        where: Where it stands in a config, for messages; by default in the group.
 
     Returns:
         A class, or a function that says that it returns one of the shelf's kinds.
@@ -98,11 +99,16 @@ def on_shelf(target: str, group: str) -> Callable[..., Any]:
         InputError: If it is not defined on that shelf.
         ModuleNotFoundError: If its module imports one that is not installed.
     """
+    said = f"{where or group}.{TARGET}"
+    if not isinstance(target, str) or not target:
+        raise InputError(f"{said} is {shown(target)}: expected what is made, as in the files of conf/{group}")
     shelf, (module, _, name) = SHELVES[group], target.rpartition(".")
     places = " or ".join(shelf.places)
     foreign = module.partition(".")[0] in {"manoeuvre_nn", *own_modules, *sys.stdlib_module_names}
     own = "" if foreign else f"; if {module} is a module of your own that you trust, add plugins=[{module}]"
-    refused = InputError(f"{TARGET}: {target} is refused; a config may only name things in {places} for {group}{own}")
+    refused = InputError(
+        f"{said}: {shown(target)} is refused; a config may only name things in {places} for {group}{own}"
+    )
     here = module in own_modules or any(f"{module}.".startswith(f"{place}.") for place in shelf.places)
     if not here or name.startswith("_"):
         raise refused
@@ -113,9 +119,9 @@ def on_shelf(target: str, group: str) -> Callable[..., Any]:
             raise  # the module is there, but what it imports is not
         parent = error.name.rpartition(".")[0]
         is_module = not hasattr(importlib.import_module(parent), "__path__") if parent else False
-        raise refused if is_module else InputError(f"{TARGET}: {target} does not exist") from error
+        raise refused if is_module else InputError(f"{said}: {target} does not exist") from error
     except AttributeError as error:
-        raise InputError(f"{TARGET}: {target} does not exist") from error
+        raise InputError(f"{said}: {target} does not exist") from error
     if getattr(found, "__module__", None) != module or not _makes(found, shelf):
         raise refused
     return found
@@ -139,7 +145,7 @@ def _without_target(settings: Any) -> Any:
 
 def made_by(config: Any, group: str) -> Any:
     """The class of what a piece of config describes, without making it; None if its function does not say."""
-    made = on_shelf(str(config[TARGET]), group)
+    made = on_shelf(plain(config, group).get(TARGET), group)
     return made if inspect.isclass(made) else inspect.get_annotations(made, eval_str=True).get("return")
 
 
@@ -166,13 +172,14 @@ def _makes(found: Any, shelf: _Shelf) -> bool:
     return all(inspect.isclass(answer) and issubclass(answer, kinds) for answer in answers)
 
 
-def gathered(function: Callable[..., Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+def gathered(function: Callable[..., Any], settings: Mapping[str, Any], where: str) -> dict[str, Any]:
     """Put settings into the dataclasses that a function takes.
 
     Args:
         function: What is to be called.
         settings: Settings, those of a dataclass either flat or as a mapping under the argument's name; what is not
             given is as in the argument's default.
+        where: Where they stand in a config, for messages.
 
     Returns:
         Its arguments.
@@ -190,18 +197,23 @@ def gathered(function: Callable[..., Any], settings: Mapping[str, Any]) -> dict[
             given = {key: left.pop(key) for key in list(left) if key in {*of_kind, *strange}}
         else:
             continue
-        check_arguments(kind, given)
+        check_arguments(kind, given, where if name == "settings" else f"{where}.{name}")
         usual = parameter.default
         left[name] = replace(usual, **given) if isinstance(usual, kind) else kind(**given)
     return left
 
 
-def check_arguments(function: Callable[..., Any], settings: Mapping[str, Any]) -> None:
+def check_arguments(
+    function: Callable[..., Any], settings: Mapping[str, Any], where: str, given: Sequence[str] = ()
+) -> None:
     """Refuse settings (keyword arguments) that a function does not know, that it lacks, or that are of the wrong kind.
 
     Args:
-        function: What is to be called.
+        function: What is to be called. Its annotations say what an argument is, and within which limits
+            (:class:`~manoeuvre_nn.core.limits.NumberLimits`).
         settings: Its keyword arguments.
+        where: Where they stand in a config, for messages.
+        given: Arguments that the caller gives, which no setting may.
 
     Raises:
         InputError: If one is refused.
@@ -209,21 +221,18 @@ def check_arguments(function: Callable[..., Any], settings: Mapping[str, Any]) -
     known = inspect.signature(function).parameters
     variable = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     needed = [name for name, p in known.items() if p.default is p.empty and p.kind not in variable]
-    lacking, strange = [n for n in needed if n not in settings], [n for n in settings if n not in known]
+    others = next((p for p in known.values() if p.kind is p.VAR_KEYWORD), None)
+    lacking, strange = [n for n in needed if n not in {*settings, *given}], [n for n in settings if n not in known]
     if lacking:
         instead = f", in the place of {strange[0]}" if strange else ""
-        raise InputError(f"settings of {function.__name__}: {lacking[0]} is missing: write it in the yaml{instead}")
+        raise InputError(f"{where}.{lacking[0]} is missing: write it in the yaml{instead}")
     if strange and not _takes_others(function):
-        possible = [name for name in known if isinstance(settings.get(name), (*PLAIN, Sequence, Mapping))]
-        choose = f"it has {', '.join(possible)}" if possible else "leave it out"
-        raise InputError(f"settings of {function.__name__}: {strange[0]} is unknown; {choose}")
-    others = next((p for p in known.values() if p.kind is p.VAR_KEYWORD), None)
+        there = ", ".join(name for name in known if name not in given) or "none"
+        raise InputError(f"{where}.{strange[0]}: there is no such setting; those of {function.__name__} are: {there}")
     for name, value in settings.items():
         parameter = known.get(name, others)
-        if isinstance(value, int) and abs(value) > MAX_WHOLE:  # written with a point, it is a number like others
-            raise InputError(f"{name}={str(value)[:40]}: expected a number of at most {MAX_WHOLE:.1e}")
-        if parameter and not _fits(value, parameter.annotation):
-            raise InputError(f"{name}={value}: expected {_in_words(name, parameter.annotation)}")
+        if parameter and name not in given and not _fits(value, parameter.annotation, name):
+            raise InputError(f"{where}.{name}={shown(value)}: expected {_in_words(name, value, parameter.annotation)}")
 
 
 def _takes_others(function: Callable[..., Any]) -> bool:
@@ -236,33 +245,57 @@ def _kinds(annotation: Any) -> set[Any]:
     return set(get_args(annotation)) if get_origin(annotation) in {UnionType, Union} else {annotation}
 
 
-def _fits(value: Any, annotation: Any) -> bool:
+def _number(annotation: Any, name: str) -> tuple[type, NumberLimits] | None:
+    """Whole or not, and the limits of an argument that is a number; None for another one."""
+    kind, *said = get_args(annotation) if get_origin(annotation) is Annotated else (annotation,)
+    limits = next((limits for limits in said if isinstance(limits, NumberLimits)), _usual(kind, name))
+    return (kind, limits) if kind in {int, float} else None
+
+
+def _usual(kind: Any, name: str) -> NumberLimits:
+    """Limits of a number that says none."""
+    most = MAX_SEED if name == "seed" else MAX_COUNTED
+    return NumberLimits(-most, most) if kind is int else NumberLimits()
+
+
+def _fits(value: Any, annotation: Any, name: str) -> bool:
     """Whether a plain value is of the kind that an argument has; what a config cannot give is the caller's matter."""
     if len(kinds := _kinds(annotation)) > 1:
-        return any(_fits(value, kind) for kind in kinds)
+        return any(_fits(value, kind, name) for kind in kinds)
     origin, inner = get_origin(annotation), get_args(annotation)
     if origin in {list, tuple, Sequence}:
         of = inner[0] if inner else object
-        return isinstance(value, Sequence) and not isinstance(value, str) and all(_fits(v, of) for v in value)
+        return isinstance(value, Sequence) and not isinstance(value, str) and all(_fits(v, of, name) for v in value)
     if origin in {dict, Mapping}:
-        return isinstance(value, Mapping) and all(_fits(v, inner[1]) for v in value.values())
-    if annotation in {int, float}:
-        accepted = int if annotation is int else (int, float)
-        return isinstance(value, accepted) and not isinstance(value, bool) and value == value  # noqa: PLR0124  not NaN
-    if origin is Literal or annotation is str:  # a path of the caller's is as good
+        return isinstance(value, Mapping) and all(_fits(v, inner[1], name) for v in value.values())
+    if number := _number(annotation, name):
+        kind, limits = number
+        return is_sensible(value, limits) and (kind is float or isinstance(value, int))
+    if origin is Literal:
+        return value in inner
+    if annotation is str:  # a path of the caller's is as good
         return isinstance(value, str) or not isinstance(value, (*PLAIN, Sequence, Mapping))
-    return isinstance(value, annotation or NoneType) if annotation in {bool, None, NoneType} else True
+    if annotation in {bool, None, NoneType}:
+        return isinstance(value, annotation or NoneType)
+    made = inspect.isclass(annotation) and annotation not in {object, inspect.Parameter.empty}
+    return not (made and isinstance(value, (*PLAIN, list, dict))) or isinstance(value, annotation)
 
 
-def _in_words(name: str, annotation: Any) -> str:
-    """What an argument may be, for a person."""
+def _in_words(name: str, value: Any, annotation: Any) -> str:
+    """What an argument may be, for a person who gave a value; limits of all numbers are told where it is one."""
     words = []
     for kind in sorted(_kinds(annotation) - {NoneType}, key=str):
         if get_origin(kind) in {list, tuple, Sequence}:
-            numbers = get_args(kind)[:1] in {(float,), (int,)}
+            numbers = _number(get_args(kind)[0], name) if get_args(kind) else None
             words.append(f"numbers in brackets such as {name}=[5,10,20]" if numbers else f"a list such as {name}=[a,b]")
-        elif get_origin(kind) in {dict, Mapping}:
+        elif get_origin(kind) in {dict, Mapping} or inspect.isclass(kind) and is_dataclass(kind):
             words.append(f"settings in braces such as {name}={{a: 1}}")
+        elif number := _number(kind, name):
+            a_number = isinstance(value, int | float) and not isinstance(value, bool)
+            told = number[1] if a_number or number[1] != _usual(number[0], name) else ""
+            words.append(f"a {'whole ' if number[0] is int else ''}number{told}")
+        elif get_origin(kind) is Literal:
+            words.append(" or ".join(map(str, get_args(kind))))
         else:
-            words.append({float: "a number", int: "a whole number", bool: "true or false"}.get(kind, "a word"))
+            words.append({bool: "true or false"}.get(kind, "a word"))
     return " or ".join([*dict.fromkeys(words), *(["null"] if NoneType in _kinds(annotation) else [])])

@@ -29,7 +29,7 @@ MAX_YAML, MAX_JSON = 300_000, 10_000_000
 """Largest files [bytes]: yaml is read at about 100 kB a second."""
 MAX_VALUES = 300_000
 """Most values in a file, where a reference counts as what it refers to."""
-MAX_BITS = 1024
+MAX_BITS = 1023
 """Bits of a whole number: as a float it is finite, and it can be printed."""
 PLAIN = (str, int, float, bool, NoneType)
 """Kinds of values that settings have."""

@@ -13,6 +13,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.limits import Endless
 from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.ship import Ship
 
@@ -181,7 +182,7 @@ class Effect(ABC, nn.Module):
 
     values: Tensor
 
-    def __init__(self, ship: Ship, **values: float) -> None:
+    def __init__(self, ship: Ship, **values: Endless) -> None:
         """Set the values; those not given are the first start of each parameter, or the null of a form parameter.
 
         Args:

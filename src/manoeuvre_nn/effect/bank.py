@@ -7,6 +7,7 @@ from torch import Tensor, nn
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.errors import check_choice
+from manoeuvre_nn.core.limits import Endless
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.effect.common import columns, compass, direction, factor
 
@@ -39,7 +40,7 @@ class Bank(Effect):
         factor("cn", 0.4),
     )
 
-    def __init__(self, ship: Ship, side: Side = "starboard", follow: bool = False, **values: float) -> None:
+    def __init__(self, ship: Ship, side: Side = "starboard", follow: bool = False, **values: Endless) -> None:
         """Choose the side.
 
         Args:

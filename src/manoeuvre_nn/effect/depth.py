@@ -10,6 +10,7 @@ from torch import Tensor
 
 from manoeuvre_nn.core.effect import Parameter, Situation
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.limits import Endless
 from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import KNOT
@@ -45,7 +46,7 @@ class _FiniteDepth(HullEffect):
     measured_by = "the depth"
     family = "depth"
 
-    def __init__(self, ship: Ship, **values: float) -> None:
+    def __init__(self, ship: Ship, **values: Endless) -> None:
         """Take the range of depths from the ship.
 
         Args:

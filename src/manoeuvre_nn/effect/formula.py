@@ -12,6 +12,7 @@ from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.limits import Endless
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.effect.common import in_tight_turns, typical
@@ -180,7 +181,7 @@ class Formula(Effect):
         terms: Sequence[str] = ("N r|r|",),
         spreads: Sequence[float] | None = None,
         scales: Mapping[str, float] | None = None,
-        **values: float,
+        **values: Endless,
     ) -> None:
         """Take terms.
 

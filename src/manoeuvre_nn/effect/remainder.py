@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
+from manoeuvre_nn.core.limits import Endless
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.effect.common import in_tight_turns, typical
 
@@ -54,7 +55,7 @@ class Remainder(Effect):
     source = "A perceptron with one hidden layer; nothing physical"
     declared: ClassVar[tuple[Parameter, ...]] = _declared()
 
-    def __init__(self, ship: Ship, **values: float) -> None:
+    def __init__(self, ship: Ship, **values: Endless) -> None:
         """Take weights; those not given are the starts, which add nothing."""
         super().__init__(ship, **values)
         self.register_buffer("size", typical(ship))

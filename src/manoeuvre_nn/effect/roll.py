@@ -8,6 +8,7 @@ from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.limits import Endless
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import GRAVITY
 from manoeuvre_nn.effect.common import columns, factor
@@ -59,7 +60,7 @@ class RollCoupling(Effect):
     )
     memory = 2
 
-    def __init__(self, ship: Ship, **values: float) -> None:
+    def __init__(self, ship: Ship, **values: Endless) -> None:
         """Refuse a ship that rolls already."""
         if "phi" in ship.own_names:
             name = ship.particulars.name

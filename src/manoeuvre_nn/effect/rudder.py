@@ -13,6 +13,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Parameter, PerRow, Situation
+from manoeuvre_nn.core.limits import Endless
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.effect.common import LATE, rudder_part
@@ -80,7 +81,7 @@ class RudderSlow(_RudderEffect):
     source = "Rate limit between order and blade"
     declared: ClassVar[tuple[Parameter, ...]] = (Parameter("rate_deg_s", "deg/s", 0.1, 10.0, 2.5, 1.5, (1.2,)),)
 
-    def __init__(self, ship: Ship, **values: float) -> None:
+    def __init__(self, ship: Ship, **values: Endless) -> None:
         """Take the nominal rate, at which nothing is wrong, from the ship."""
         nominal = ship.particulars.rudder_rate / DEGREE
         starts = (0.5 * nominal, 0.2 * nominal, 0.08 * nominal)

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Situation
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.limits import Endless
 from manoeuvre_nn.core.network import times
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.effect.common import columns
@@ -98,7 +99,7 @@ class HullEffect(Effect):
     site = "hull"
     equations: ClassVar[tuple[str, ...]] = ("X", "Y", "N")
 
-    def __init__(self, ship: Ship, **values: float) -> None:
+    def __init__(self, ship: Ship, **values: Endless) -> None:
         """Sort the ship's terms: its forces must be a series."""
         super().__init__(ship, **values)
         self._sorted = {id(ship): _SortedSeries(ship, self.name)}

@@ -9,6 +9,7 @@ from torch import Tensor
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.frames import body_to_earth, earth_to_body
+from manoeuvre_nn.core.limits import Endless
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import GRAVITY
 from manoeuvre_nn.effect.common import columns, compass, direction
@@ -73,7 +74,7 @@ class FirstOrderWaves(Effect):
     phases: Tensor
     ratios: Tensor
 
-    def __init__(self, ship: Ship, seed: int = 0, components: int = 15, **values: float) -> None:
+    def __init__(self, ship: Ship, seed: int = 0, components: int = 15, **values: Endless) -> None:
         """Draw the phases.
 
         Args:

@@ -11,6 +11,7 @@ from torch import Tensor
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.errors import check_choice
 from manoeuvre_nn.core.frames import earth_to_body
+from manoeuvre_nn.core.limits import Endless
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.wind import COEFFICIENTS, usual_kind, wind_load
 from manoeuvre_nn.effect.common import columns, compass, direction, during, factor, from_some_time
@@ -47,7 +48,7 @@ class _TrueWind(Effect):
     family = "wind and waves"
     equations = ("X", "Y", "N")
 
-    def __init__(self, ship: Ship, kind: str | None = None, **values: float) -> None:
+    def __init__(self, ship: Ship, kind: str | None = None, **values: Endless) -> None:
         """Choose the coefficients.
 
         Args:
@@ -155,7 +156,7 @@ class GustyWind(_TrueWind):
     begin: Tensor
     """Where the realisation begins [correlation times], one or one a row."""
 
-    def __init__(self, ship: Ship, kind: str | None = None, seed: int = 0, **values: float) -> None:
+    def __init__(self, ship: Ship, kind: str | None = None, seed: int = 0, **values: Endless) -> None:
         """Draw the gusts.
 
         Args:

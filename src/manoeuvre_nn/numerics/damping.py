@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.limits import Count, NotNegative
 
 Rule = Literal["trainlm", "nielsen"]
 
@@ -45,12 +46,12 @@ class Stops:
         max_fail: Rises of the validation error that end it, where there is one.
     """
 
-    epochs: int = 1000
-    goal: float = 0.0
-    min_grad: float = 1e-13
-    min_step: float = 1e-12
-    min_fall: float = 0.0
-    max_fail: int = 6
+    epochs: Count = 1000
+    goal: NotNegative = 0.0
+    min_grad: NotNegative = 1e-13
+    min_step: NotNegative = 1e-12
+    min_fall: NotNegative = 0.0
+    max_fail: Count = 6
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense.

@@ -12,6 +12,7 @@ from torch import Tensor
 from torch.nn import Parameter
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.limits import Endless
 
 
 @dataclass(frozen=True)
@@ -91,9 +92,9 @@ class StoppingRules:
         tuples is watched and the fit ends by itself.
     """
 
-    max_iterations: int | float = inf
+    max_iterations: int | Endless = inf
     goal: float = 0.0
-    test_rise: float = inf
+    test_rise: Endless = inf
 
     def reason(self, iteration: int, error: float, test: float | None = None, best_test: float | None = None) -> str:
         """Whether to stop.

@@ -3,6 +3,7 @@
 from math import inf
 from typing import Literal
 
+from manoeuvre_nn.core.limits import Endless
 from manoeuvre_nn.core.particulars import Particulars, Stability, WindAreas
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.ship.tanker import TankerShip
@@ -36,7 +37,7 @@ COEFFICIENTS = {
 
 
 def esso_190k(
-    depth: float = inf, rpm: float = RPM_SERVICE, shaft: Literal["hold", "similarity"] = "hold"
+    depth: Endless = inf, rpm: float = RPM_SERVICE, shaft: Literal["hold", "similarity"] = "hold"
 ) -> TankerShip:
     """The tanker in deep or shallow water.
 

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.limits import Endless
 from manoeuvre_nn.core.network import times
 from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.prime import bis_system
@@ -71,7 +72,7 @@ class TankerShip(Ship):
         *,
         rpm: float,
         self_propulsion: float,
-        depth: float = inf,
+        depth: Endless = inf,
         shaft: Literal["hold", "similarity"] = "hold",
     ) -> None:
         """Build a tanker from its table.

@@ -5,6 +5,7 @@ from typing import Any
 
 import lightning as L
 
+from manoeuvre_nn.core.limits import Count, CountOrNone
 from manoeuvre_nn.core.response import Response
 from manoeuvre_nn.training.dashboard import show_figures
 from manoeuvre_nn.training.fits import Fit
@@ -26,7 +27,9 @@ class ResponseScore(Scorer):
     scored_on = "the testing records"
     for_others = "for other records"
 
-    def __init__(self, data: ResponseData, *, every: int = 1, figures_every: int = 0, draw: Draw | None = None) -> None:
+    def __init__(
+        self, data: ResponseData, *, every: Count = 1, figures_every: CountOrNone = 0, draw: Draw | None = None
+    ) -> None:
         """Set up.
 
         Args:

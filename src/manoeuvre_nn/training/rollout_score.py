@@ -9,6 +9,7 @@ import numpy as np
 import torch
 
 from manoeuvre_nn.core.errors import check_choice
+from manoeuvre_nn.core.limits import Count, CountOrNone
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.dynamics.limits import OK
@@ -41,8 +42,8 @@ class RolloutScore(Scorer):
     scored_on = "these very manoeuvres"
     for_others = "for new manoeuvres"
 
-    def __init__(self, held_out: HeldOut, *, every: int = 1, solver: Solver = "torchdiffeq", figures_every: int = 0,
-                 draw: Draw | None = None) -> None:  # fmt: skip
+    def __init__(self, held_out: HeldOut, *, every: Count = 1, solver: Solver = "torchdiffeq",
+                 figures_every: CountOrNone = 0, draw: Draw | None = None) -> None:  # fmt: skip
         """Set up.
 
         Args:

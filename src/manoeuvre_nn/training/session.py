@@ -19,6 +19,7 @@ from lightning.pytorch.plugins.io import TorchCheckpointIO
 from rich.console import Console
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.limits import Count
 from manoeuvre_nn.core.terminal import Say, Terminal
 from manoeuvre_nn.core.waiting import PAUSE_S, waiting
 from manoeuvre_nn.core.writing import write_file
@@ -50,8 +51,8 @@ class Session:
         loggers: Where it is logged.
     """
 
-    max_epochs: int
-    patience: int | None = None
+    max_epochs: Count
+    patience: Count | None = None
     keep: Literal["best", "last"] = "best"
     resume: str = "auto"
     accelerator: str = "cpu"
@@ -69,6 +70,10 @@ class Session:
         if self.accelerator in GPUS and not _has_gpu(self.accelerator):
             raise InputError(
                 f"trainer.accelerator={self.accelerator}: torch finds none here: write trainer.accelerator=cpu"
+            )
+        if self.resume not in {"auto", "never"} and not Path(self.resume).is_file():
+            raise InputError(
+                f"trainer.resume={self.resume}: expected auto, never, or the path of a .ckpt file that exists"
             )
         for name, value in (("max_epochs", self.max_epochs), ("patience", self.patience)):
             if value is not None and value < 1:
@@ -180,10 +185,6 @@ def _resume_from(session: Session, out: Path, console: Console) -> Path | None:
     if session.resume == "never":
         return None
     path = out / CHECKPOINTS / "last.ckpt" if session.resume == "auto" else Path(session.resume)
-    if session.resume != "auto" and not path.is_file():
-        raise InputError(
-            f"trainer.resume={session.resume}: expected auto, never, or the path of a .ckpt file that exists"
-        )
     if session.resume == "auto" and not path.exists():
         return None
     epoch = read_training(path)["epoch"]
