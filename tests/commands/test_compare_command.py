@@ -174,3 +174,11 @@ def test_what_is_printed_into_a_file_is_as_wide_as_columns_says(tmp_path, monkey
     _of_files(OF_FILES["compare"], ["0", "1", "2", "out=table"])
     table = [line for line in capsys.readouterr().out.splitlines() if not line.startswith(("table:", "note:"))]
     assert (max(map(len, table)) <= 80) == bool(columns)
+
+
+def test_a_result_that_is_larger_than_any_number_is_a_damaged_file(tmp_path, asked):
+    odd = run(tmp_path / "a", {"zz20": 0.3}) / "scores.json"
+    odd.write_text(json.dumps({**json.loads(odd.read_text()), "mean_dev_L": 2**1024 - 1}))
+    run(tmp_path / "b", {"zz20": 0.1})
+    rows, _, _ = asked("a", "b")
+    assert [row["status"] for row in rows] == ["finished", "failed: scores.json is damaged"]

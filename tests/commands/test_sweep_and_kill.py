@@ -1,4 +1,5 @@
 import csv
+import importlib
 import json
 import os
 import signal
@@ -9,6 +10,7 @@ import time
 import pytest
 from conftest import ROOT, SHORT
 
+from manoeuvre_nn.commands import main
 from manoeuvre_nn.commands.sweep_table import SweepTable
 from manoeuvre_nn.training.checkpoint import read_checkpoint
 
@@ -24,6 +26,15 @@ def numbers(out) -> dict:
     found = json.loads((out / "scores.json").read_text())
     del found["training"]["seconds"]
     return found
+
+
+def test_a_job_of_a_sweep_looks_for_who_began_it_before_it_loads_what_takes_seconds(cli, tmp_path, monkeypatch):
+    done, loads = [], importlib.import_module
+    monkeypatch.setattr(main, "end_with_parent", lambda: done.append("looks"))
+    monkeypatch.setattr(importlib, "import_module", lambda name, *more: done.append(name) or loads(name, *more))
+    assert cli("-m", "hydra/launcher=basic", *JOBS, "network.hidden=0", f"out={tmp_path / 'sweep'}").code == 1
+    ours = [name for name in done if name in {"looks", "manoeuvre_nn.commands.train"}]
+    assert ours == ["looks", "manoeuvre_nn.commands.train"]
 
 
 def test_a_sweep_survives_a_failing_job_and_can_be_continued(cli, fast, tmp_path, monkeypatch):

@@ -20,6 +20,7 @@ from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.groups import CONF, GROUPS, accept, options, own_folder, with_settings
 from manoeuvre_nn.commands.guard import of_home, quoted
 from manoeuvre_nn.commands.logs import logged
+from manoeuvre_nn.core.ending import end_with_parent
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.plain_text import listed
 from manoeuvre_nn.core.terminal import Terminal, be_quiet
@@ -235,6 +236,7 @@ def _task(command: str, quiet: bool = False, verbose: bool = False) -> Callable[
             out = Path(hydra_cfg.runtime.output_dir)
             sweeps = hydra_cfg.mode == RunMode.MULTIRUN
             if sweeps:
+                end_with_parent()  # before what takes long to import on a machine that has other work, too
                 os.chdir(hydra_cfg.runtime.cwd)  # a job on another machine begins elsewhere
             if command != "export":  # which has no folder of its own
                 if cfg.get("cases") is None:  # several may answer cases into one folder

@@ -23,7 +23,6 @@ from manoeuvre_nn.commands.response_results import print_response, score_respons
 from manoeuvre_nn.commands.results import print_outcome, score_finally, write_results
 from manoeuvre_nn.commands.shelves import plain
 from manoeuvre_nn.core.data_files import load_json, read_as
-from manoeuvre_nn.core.ending import end_with_parent
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.terminal import Say, Terminal
 from manoeuvre_nn.core.threads import use_threads
@@ -80,7 +79,6 @@ def run_job(cfg: DictConfig, out: Path) -> float | None:
     if HydraConfig.get().mode != RunMode.MULTIRUN:
         accept(cfg)
         return train(cfg, out)[1]
-    end_with_parent()
     console = Terminal(quiet=True)
     try:
         accept(cfg)  # jobs of a sweep run in processes of their own
