@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from omegaconf import DictConfig, OmegaConf
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.limits import LARGEST_NUMBER, MAX_SEED, SMALLEST_NUMBER, NumberLimits, is_sensible
+from manoeuvre_nn.core.limits import LARGEST_NUMBER, MAX_SEED, SMALLEST_NUMBER, is_sensible
 
 MAX_THREADS = 256
 """Threads, or processes, that a command may be told to use at once."""
@@ -205,7 +205,7 @@ def check_settings(
         for key, value in _numbers(str(name), _plain(cfg[name])):
             most = MAX_SEED if key.rpartition(".")[2] == "seed" else LARGEST_NUMBER
             endless = isinstance(value, float) and isinf(value)  # which an argument says itself whether it may be
-            if key not in kinds and not (endless or is_sensible(value, NumberLimits(-most, most))):
+            if key not in kinds and not (endless or is_sensible(value, most)):
                 sizes = f"from {SMALLEST_NUMBER:g} to {LARGEST_NUMBER:g}"
                 raise InputError(f"{where}{key}={shown(value)}: expected 0, or a number of a size {sizes}")
 

@@ -16,7 +16,7 @@ from manoeuvre_nn.commands.groups import option, options, own_modules
 from manoeuvre_nn.commands.settings import SEVERAL, shown
 from manoeuvre_nn.core.data_files import PLAIN, check_plain
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.limits import MAX_COUNTED, MAX_SEED, NumberLimits, is_sensible
+from manoeuvre_nn.core.limits import MAX_COUNTED, MAX_SEED, NumberLimits
 
 TARGET = "_target_"
 
@@ -270,7 +270,7 @@ def _fits(value: Any, annotation: Any, name: str) -> bool:
         return isinstance(value, Mapping) and all(_fits(v, inner[1], name) for v in value.values())
     if number := _number(annotation, name):
         kind, limits = number
-        return is_sensible(value, limits) and (kind is float or isinstance(value, int))
+        return limits.hold(value) and (kind is float or isinstance(value, int))
     if origin is Literal:
         return value in inner
     if annotation is str:  # a path of the caller's is as good

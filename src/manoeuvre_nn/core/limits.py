@@ -23,9 +23,16 @@ class NumberLimits(NamedTuple):
     low: float = -LARGEST_NUMBER
     high: float = LARGEST_NUMBER
 
+    def hold(self, value: Any) -> bool:
+        """Whether a value is a number within them; NaN is none."""
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        return number and self.low <= value <= self.high
+
     def __str__(self) -> str:
         """In words, after *a number*."""
         no_end = self.high in {inf, LARGEST_NUMBER, MAX_COUNTED, MAX_SEED} and self.low in {SMALLEST_NUMBER, 0, 1}
+        if self.high == -self.low == inf:
+            return ""
         least = "more than 0" if self.low == SMALLEST_NUMBER else f"{self.low:g} or more"
         return f", {least}" if no_end else f" from {self.low:g} to {self.high:g}"
 
@@ -42,16 +49,14 @@ CountOrNone = Annotated[int, NumberLimits(0, MAX_COUNTED)]
 """How many; 0 is none."""
 
 
-def is_sensible(value: Any, limits: NumberLimits | None = None) -> bool:
+def is_sensible(value: Any, largest: float | int = LARGEST_NUMBER) -> bool:
     """Whether a value is a number that a person may set.
 
     Args:
         value: Anything.
-        limits: The limits; by default those of all numbers.
+        largest: How large it may be.
 
     Returns:
-        False if it is NaN, beyond the limits, or so near to 0 that 0 is meant.
+        False if it is NaN, infinite, larger, or so near to 0 that 0 is meant.
     """
-    low, high = limits or NumberLimits()
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    return number and low <= value <= high and (value == 0 or abs(value) >= SMALLEST_NUMBER)
+    return NumberLimits(-largest, largest).hold(value) and (value == 0 or abs(value) >= SMALLEST_NUMBER)

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.core.limits import Count, NotNegative
+from manoeuvre_nn.core.limits import Count, NotNegative, Positive
 
 Rule = Literal["trainlm", "nielsen"]
 
@@ -85,10 +85,10 @@ class Damping:
     """
 
     rule: Rule = "trainlm"
-    mu: float = 1e-3
-    mu_dec: float = 0.1
-    mu_inc: float = 10.0
-    mu_max: float = 1e10
+    mu: Positive = 1e-3
+    mu_dec: Positive = 0.1
+    mu_inc: Positive = 10.0
+    mu_max: Positive = 1e10
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense.
