@@ -21,7 +21,7 @@ from manoeuvre_nn.recording.read.mapping import Mapping as ColumnMapping
 
 def training_manoeuvres(config: DictConfig) -> list[Manoeuvre]:
     """The manoeuvres of ``cfg.manoeuvre`` (an entry each or for several) with what holds for all of them."""
-    chosen = {name: said for name, said in config.items() if name not in COMMON}
+    chosen = {str(name): said for name, said in config.items() if name not in COMMON}
     speed = approach_speed(config)
     made = [m for name, said in chosen.items() for m in _built(said, f"manoeuvre.{name}")]
     return with_sides([m.at_speed(speed) for m in made], config)
@@ -41,7 +41,8 @@ def with_sides(manoeuvres: Sequence[Manoeuvre], config: DictConfig) -> list[Mano
 
 def chosen_effects(config: DictConfig | None, ship: Ship) -> list[Effect]:
     """The effects of ``cfg.effect`` (an entry each, or None) on a ship, in the order in which they were named."""
-    return [build(settings, "effect", f"effect.{name}", ship=ship) for name, settings in (config or {}).items()]
+    chosen = {str(name): settings for name, settings in (config or {}).items()}
+    return [build(settings, "effect", f"effect.{name}", ship=ship) for name, settings in chosen.items()]
 
 
 def with_effects(cfg: DictConfig) -> DictConfig:

@@ -198,11 +198,11 @@ def check_settings(
         if settings is not None and key in settings:
             kind.check(f"{where}{name}", _plain(settings[key]))
     for group in SEVERAL:
-        for name in _plain(cfg.get(group)) or ():
-            if f"{group}.{name}" not in kinds:
-                TABLE.check(f"{where}{group}.{name}", _plain(cfg[group][name]))
-    for name in cfg:
-        for key, value in _numbers(str(name), _plain(cfg[name])):
+        for option, said in (_plain(cfg.get(group)) or {}).items():
+            if f"{group}.{option}" not in kinds:
+                TABLE.check(f"{where}{group}.{option}", said)
+    for group in map(str, cfg):
+        for key, value in _numbers(group, _plain(cfg[group])):
             most = MAX_SEED if key.rpartition(".")[2] == "seed" else LARGEST_NUMBER
             endless = isinstance(value, float) and isinf(value)  # which an argument says itself whether it may be
             if key not in kinds and not (endless or is_sensible(value, most)):
