@@ -43,6 +43,16 @@ Positive = Annotated[float, NumberLimits(SMALLEST_NUMBER, LARGEST_NUMBER)]
 """A number more than 0."""
 NotNegative = Annotated[float, NumberLimits(0.0, LARGEST_NUMBER)]
 """A number, 0 or more."""
+Factor = Annotated[float, NumberLimits(1e-6, 1e6)]
+"""A number more than 0 of what has a usual size of 1."""
+Weight = Annotated[float, NumberLimits(0.0, 1e6)]
+"""The same, or 0."""
+Share = Annotated[float, NumberLimits(0.0, 1.0)]
+"""A part of a whole."""
+Derivative = Annotated[float, NumberLimits(-10.0, 10.0)]
+"""A coefficient that has no unit: hydrodynamic derivatives in the (rho, L, T, U0) system are below .1."""
+Rate = Annotated[float, NumberLimits(1e-6, 1e4)]
+"""Samples a second."""
 Count = Annotated[int, NumberLimits(1, MAX_COUNTED)]
 """How many; at least one."""
 CountOrNone = Annotated[int, NumberLimits(0, MAX_COUNTED)]

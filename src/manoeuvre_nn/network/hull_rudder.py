@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.limits import Factor, Weight
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.numerics.semilinear import SemiLinear
 
@@ -43,8 +44,8 @@ class HullRudderSettings:
     modular: bool = True
     speed_law: SpeedLaw = "approach"
     library: Library = "linear"
-    spread: float = 0.3
-    shrink: float = 0.0
+    spread: Factor = 0.3
+    shrink: Weight = 0.0
 
     def __post_init__(self) -> None:
         """Refuse what makes no sense.

@@ -7,6 +7,7 @@ from jaxtyping import Float
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.limits import Factor
 from manoeuvre_nn.core.network import Network
 
 Activation = Literal["sigmoid", "tanh"]
@@ -31,7 +32,7 @@ class Perceptron(Network):
         sizes: tuple[int, int, int, int],
         activation: Activation = "sigmoid",
         initial: Initial = "uniform",
-        spread: float = 1.0,
+        spread: Factor = 1.0,
         *,
         seed: int = 0,
         dtype: torch.dtype = torch.float64,
@@ -122,7 +123,7 @@ def wang_network(
     hidden: int = 11,
     activation: Activation = "sigmoid",
     initial: Initial = "uniform",
-    spread: float = 1.0,
+    spread: Factor = 1.0,
     *,
     seed: int = 0,
     dtype: torch.dtype = torch.float64,
@@ -155,7 +156,7 @@ def rajesh_network(
     hidden: int = 15,
     activation: Activation = "sigmoid",
     initial: Initial = "symmetric",
-    spread: float = 1.0,
+    spread: Factor = 1.0,
     *,
     seed: int = 0,
     dtype: torch.dtype = torch.float64,
@@ -187,7 +188,7 @@ def rajesh_network(
 def mlp(
     hidden: int = 7,
     activation: Activation = "tanh",
-    spread: float = 0.3,
+    spread: Factor = 0.3,
     *,
     inputs: int = 4,
     outputs: int = 3,

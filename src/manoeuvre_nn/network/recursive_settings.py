@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.limits import Derivative, Factor, Weight
 
 FREEDOMS = {3: ("u", "v", "r"), 4: ("u", "v", "p", "r"), 6: ("u", "v", "w", "p", "q", "r")}
 """Number of degrees of freedom -> the velocities that are predicted, in u, v and w over U0 and rates over U0/L."""
@@ -25,11 +26,11 @@ class ForceSettings:
         aspect: Height of a rudder squared over its area [-].
     """
 
-    thrust: Sequence[float] = (0.6, -0.4)
+    thrust: Sequence[Derivative] = (0.6, -0.4)
     wake: float = 0.2
     deduction: float = 0.1
-    diameter: float = 0.55
-    aspect: float = 1.8
+    diameter: Factor = 0.55
+    aspect: Factor = 1.8
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -76,7 +77,7 @@ class RecursiveSettings:
     wind_nodes: bool = False
     about_last: bool = True
     symmetric: bool = True
-    margin: float = 0.3
+    margin: Weight = 0.3
     step: float = STEP
 
     def __post_init__(self) -> None:

@@ -12,7 +12,7 @@ from torch import Tensor
 from torch.nn import Parameter
 
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.limits import Endless
+from manoeuvre_nn.core.limits import Endless, Factor, NotNegative, Weight
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class RateSchedule:
         from 1e-6 to 1e-3 and restored, periodically (how often and for how long is not stated).
     """
 
-    rates: tuple[float, ...] = (1e-2, 1e-3, 1e-6)
+    rates: tuple[Factor, ...] = (1e-2, 1e-3, 1e-6)
     iterations: tuple[int, ...] = (6_000, 10_000, 60_000)
-    shake_rate: float = 1e-3
+    shake_rate: Weight = 1e-3
     shake_every: int = 70_000
     shake_iterations: int = 10_000
 
@@ -93,7 +93,7 @@ class StoppingRules:
     """
 
     max_iterations: int | Endless = inf
-    goal: float = 0.0
+    goal: NotNegative = 0.0
     test_rise: Endless = inf
 
     def reason(self, iteration: int, error: float, test: float | None = None, best_test: float | None = None) -> str:

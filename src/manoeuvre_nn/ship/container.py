@@ -5,6 +5,7 @@ from math import pi, sqrt
 import torch
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.limits import Factor
 from manoeuvre_nn.core.particulars import Particulars, Stability
 from manoeuvre_nn.core.units import DEGREE, GRAVITY, KNOT, SEA_WATER
 from manoeuvre_nn.ship.four_degrees import Drive, FourDegreeShip, HullSeries, twin
@@ -39,7 +40,7 @@ SCREW_OFFSET = 0.2
 """Distance of a twin screw from the centre plane over the beam [-]: usual with two shafts, not of the source."""
 
 
-def container(screws: int = 1, rolls: bool = True, gm: float = 0.3) -> FourDegreeShip:
+def container(screws: int = 1, rolls: bool = True, gm: Factor = 0.3) -> FourDegreeShip:
     """The container ship, with its single screw or with two of the same thrust.
 
     With two screws each has half of the disc area (``D / sqrt 2``) and each rudder half of the area, at the same aspect

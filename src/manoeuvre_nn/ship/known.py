@@ -7,6 +7,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.limits import Derivative
 from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.ship.clarke import GYRATION, SURGE_ADDED_MASS, clarke_derivatives
@@ -39,7 +40,7 @@ class InertiaOnly(Ship):
         return InertiaOnly(self._ship[0].on_approach(speed))
 
 
-def clarke_part(ship: Ship | Particulars, Xu: float | None = None, Xdd: float | None = None) -> TaylorShip:  # noqa: N803
+def clarke_part(ship: Ship | Particulars, Xu: Derivative | None = None, Xdd: Derivative | None = None) -> TaylorShip:  # noqa: N803
     """A ship that moves by Clarke's linear derivatives alone, estimated from the ship's particulars.
 
     ``(m - Xudot) udot = Xu (u - U0) + Xdd d^2/2``, ``(m - Yvdot) vdot - Yrdot rdot = Yv v + (Yr - m) r + Yd d``,

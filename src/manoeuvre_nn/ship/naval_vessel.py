@@ -5,6 +5,7 @@ from math import pi, sqrt
 import torch
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.limits import Factor
 from manoeuvre_nn.core.particulars import Particulars, Stability
 from manoeuvre_nn.core.units import DEGREE, GRAVITY
 from manoeuvre_nn.ship.four_degrees import Drive, FourDegreeShip, HullSeries
@@ -50,7 +51,7 @@ VELOCITY_POWERS = {"u": 0.5, "v": 0.5, "r": -0.5, "p": -0.5, "phi": 0.0}
 """Exponents of length with which motions go by Froude's law."""
 
 
-def naval_vessel(scale: float = 1.0, rolls: bool = True) -> FourDegreeShip:
+def naval_vessel(scale: Factor = 1.0, rolls: bool = True) -> FourDegreeShip:
     """The naval vessel, or a larger or smaller one of the same form by Froude's law.
 
     Args:

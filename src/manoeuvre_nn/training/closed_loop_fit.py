@@ -11,6 +11,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.limits import Factor
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.model import IdentifiedShip
@@ -64,7 +65,7 @@ class ClosedLoopSettings:
     prior: Mapping[str, float] = field(default_factory=dict)
     delays: Sequence[str] = ()
     offsets: Sequence[str] = ()
-    enough: float = 1e-3
+    enough: Factor = 1e-3
 
     def __post_init__(self) -> None:
         """Check the numbers.

@@ -15,6 +15,7 @@ from torch.utils.data import DataLoader
 from manoeuvre_nn.core.channels import ACCELERATION
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.errors import InputError, check_choice
+from manoeuvre_nn.core.limits import Rate
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, check_duration
 from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
@@ -62,7 +63,7 @@ class DataSettings:
     """
 
     length: float | None = None
-    rate_hz: float | None = None
+    rate_hz: Rate | None = None
     noise: Mapping[str, float] = field(default_factory=dict)
     accelerations: Method | Literal["auto"] = "auto"
     delays: Sequence[str] = ()

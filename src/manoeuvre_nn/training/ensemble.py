@@ -8,6 +8,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.limits import NotNegative
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.network.hull_rudder import HullRudder
@@ -56,8 +57,8 @@ class EnsembleFit(Fit):
         epochs: int = 150,
         restarts: int = 1,
         damping: Literal["trainlm", "nielsen"] = "nielsen",
-        goal: float = 0.0,
-        min_fall: float = 1e-4,
+        goal: NotNegative = 0.0,
+        min_fall: NotNegative = 1e-4,
         refine: Refinement | None = None,
     ) -> None:
         """Set up the method.

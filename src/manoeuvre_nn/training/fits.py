@@ -11,6 +11,7 @@ from torch import Tensor
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.limits import Share
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.core.response import Response
 from manoeuvre_nn.dynamics.model import IdentifiedShip
@@ -152,7 +153,7 @@ class BackpropFit(Fit):
         dynamics: IdentifiedShip | Response,
         *,
         batch_size: int | None = None,
-        momentum: float = 0.9,
+        momentum: Share = 0.9,
         schedule: RateSchedule | None = None,
         stopping: StoppingRules | None = None,
         iterations_per_epoch: int = 1000,

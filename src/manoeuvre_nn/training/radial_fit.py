@@ -7,6 +7,7 @@ import torch
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.limits import Factor, NotNegative, Weight
 from manoeuvre_nn.core.response import Response
 from manoeuvre_nn.dynamics.model import IdentifiedShip
 from manoeuvre_nn.network.radial import GeneralRegression, RadialBasis
@@ -37,8 +38,8 @@ class RadialBasisFit(Fit):
         self,
         dynamics: IdentifiedShip | Response,
         *,
-        factors: Sequence[float] = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0),
-        ridges: Sequence[float] = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4),
+        factors: Sequence[Factor] = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0),
+        ridges: Sequence[Weight] = (0.0, 1e-12, 1e-10, 1e-8, 1e-6, 1e-4),
         neighbours: int = 5,
     ) -> None:
         """Set up the method.
@@ -103,7 +104,7 @@ class GeneralRegressionFit(Fit):
     made_for = GeneralRegression
 
     def __init__(
-        self, dynamics: IdentifiedShip | Response, *, common_width: bool = False, min_fall: float = 1e-5
+        self, dynamics: IdentifiedShip | Response, *, common_width: bool = False, min_fall: NotNegative = 1e-5
     ) -> None:
         """Set up the method.
 

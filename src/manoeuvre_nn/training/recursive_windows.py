@@ -13,6 +13,7 @@ from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError, check_choice
 from manoeuvre_nn.core.frames import earth_to_body
+from manoeuvre_nn.core.limits import Factor, Weight
 from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
@@ -48,8 +49,8 @@ class WindowStage:
     steps: int | None
     updates: int
     rows: int = 60
-    rate: float = 3e-3
-    track: float = 0.0
+    rate: Factor = 3e-3
+    track: Weight = 0.0
 
     def __post_init__(self) -> None:
         """Check the numbers.
@@ -89,12 +90,12 @@ class RecursiveFitSettings:
     """
 
     stages: Sequence[Mapping[str, float | int | None]] = USUAL_STAGES
-    weights: Mapping[str, float] = field(
+    weights: Mapping[str, Weight] = field(
         default_factory=lambda: {"u": 1.0, "v": 1.0, "p": 0.3, "r": 1.0, "phi": 1.0, "psi": 1.0}
     )
-    approach: float | None = 1.0
-    clip: float = 1.0
-    weight_decay: float = 0.0
+    approach: Weight | None = 1.0
+    clip: Factor = 1.0
+    weight_decay: Weight = 0.0
     choose_by: str = "all_runs"
 
     def __post_init__(self) -> None:

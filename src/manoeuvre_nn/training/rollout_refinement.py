@@ -15,6 +15,7 @@ from jaxtyping import Float
 from torch import Tensor
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.limits import Factor, Weight
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.members import replay_members
@@ -37,8 +38,8 @@ class Refinement:
     """
 
     steps: int = 0
-    stretch: float = 10.0
-    pull: float = 1e-6
+    stretch: Factor = 10.0
+    pull: Weight = 1e-6
 
     def __post_init__(self) -> None:
         """Check the numbers.
