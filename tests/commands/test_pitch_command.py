@@ -112,6 +112,8 @@ def test_a_table_of_ones_own_is_learnt_with_a_mapping(cli, learnt, tmp_path, fas
         (("sees.T=maybe",), "sees.T=maybe: expected true or false"),
         (("output.name=7",), "output: '7' names no variable: expected a word of letters"),
         (("per=V2",), "per 'V2' is unknown"),
+        (("learning=1e-9",), "learning=1e-09 and .* leave 1 to learn from: expected 2 or more"),
+        (("network=rbf", "network.hidden=90000"), "network.hidden=90000: expected from 1 to "),
         (("learning=2",), "expected a share more than 0, to 1"),
         (("ship=mariner", "inputs.d.values=[5,11]"), "the hull of the Mariner goes from 2.4 to 10.6 m"),
         (("form.gyradius=long",), "expected a number"),

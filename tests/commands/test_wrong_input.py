@@ -41,7 +41,7 @@ def refused(ended, out, *told) -> None:
         ("score=[zz20,zz21]", "manoeuvre in score 'zz21' is unknown; choose one of: circles"),
         ("manoeuvre=zz21", "manoeuvre=zz21 is unknown; choose one of: circles"),
         ("manoeuvre=zigzag manoeuvre.zigzag.rudder_deg=50", "the Mariner stops at 35 deg: write a smaller rudder_deg"),
-        ("manoeuvre.speed_kn=-5", "manoeuvre.speed_kn=-5: expected an approach speed in knots, more than 0"),
+        ("manoeuvre.speed_kn=-5", "manoeuvre.speed_kn=-5: expected an approach speed in knots, .05 to 200"),
         ("data.length=10", "too short for the Mariner: write at least 40.1 s"),
         (
             "network.hiden=3",

@@ -172,7 +172,10 @@ def test_folders_without_recordings_are_refused(tmp_path):
     with pytest.raises(InputError, match="holds no csv file"):
         read_runs(tmp_path, SHIP)
     write_runs(tmp_path, {"run": sailed(0.4)[0]})
-    with pytest.raises(InputError, match="ship= is not given: write for instance ship=esso_190k"):
+    with pytest.raises(
+        InputError,
+        match="ship= is not given, and the folder of recordings= names none: write for instance ship=esso_190k",
+    ):
         read_runs(tmp_path)
 
 

@@ -95,7 +95,7 @@ NAMES = SettingKind(_or_several(_is_word), "a name, or several such as [A,B]")
 FILES = SettingKind(_or_several(_can_name), "names of files, such as [A.csv,B.csv]")
 CHOICES = SettingKind(_or_several(_is_choice), "a name, or a list of names and {name: {setting: value}}")
 TABLE = SettingKind(lambda value: isinstance(value, dict), "settings in braces such as {a: 1}")
-SPEED = more_than_0("an approach speed in knots, more than 0", 200.0)
+SPEED = SettingKind(lambda value: is_sensible(value) and 0.05 <= value <= 200, "an approach speed in knots, .05 to 200")
 
 SETTINGS: dict[str, SettingKind] = {
     # groups

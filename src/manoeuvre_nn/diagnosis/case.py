@@ -214,7 +214,8 @@ def _ship_of(manifest: Mapping[str, Any], ship: Ship | None = None) -> Ship:
     if ship is None:
         if "ship" not in manifest:
             raise InputError(
-                "ship= is not given: write for instance ship=esso_190k; manoeuvre diagnose --help lists all"
+                "ship= is not given, and the folder of recordings= names none: write for instance ship=esso_190k; "
+                "manoeuvre diagnose --help lists all"
             )
         check_choice("ship of manifest.json", manifest["ship"], list(SHIPS))
         ship = SHIPS[manifest["ship"]]()

@@ -56,7 +56,8 @@ def k_means(x: Float[Tensor, "n i"], count: int, *, seed: int = 0) -> Float[Tens
         Lloyd 1982; Arthur & Vassilvitskii 2007 (first centres); Moody & Darken 1989 for its use here.
     """
     if not 1 <= count <= len(x):
-        raise InputError(f"{count} centres of {len(x)} records: expected from 1 to {len(x)}")
+        share = "as many as records are learnt; learning= says the share"
+        raise InputError(f"network.hidden={count}: expected from 1 to {len(x)}, {share}")
     centres = x[_far_apart(x, count, torch.Generator().manual_seed(seed))].clone()
     nearest: Tensor | None = None
     for _ in range(MAX_ITERATIONS):

@@ -26,6 +26,8 @@ MIN_STANDARD_ERRORS = 3.0
 """Standard errors from which on a difference of two correlations is told."""
 CONDITIONS = ("d", "V", "beta", "Hs", "T")
 """What pitch is computed from, in the order of :func:`.significant_pitch`."""
+MIN_LEARNT = 2
+"""Records that have a spread."""
 LEARNING, VALIDATION, TESTING, BETWEEN = "learning", "validation", "testing", "between"
 """Sets of records: learnt, kept back for a fit's stopping rule or a search, those that test, random points between."""
 
@@ -97,6 +99,12 @@ class ResponseData(L.LightningDataModule):
             return
         self.records, self.between = self.make(self.say)
         check_records(self.records)
+        split, learnt = self.split, len(self.rows[LEARNING])
+        if learnt < MIN_LEARNT:
+            raise InputError(
+                f"learning={split.learning:g} and data.validation={split.validation:g} of {len(self.records)} records "
+                f"leave {learnt} to learn from: expected {MIN_LEARNT} or more"
+            )
         low, high = self.records.conditions.min(0), self.records.conditions.max(0)
         ends = list(zip(self.quantities.inputs, low.tolist(), high.tolist(), strict=True))
         for v, a, b in ends:

@@ -64,7 +64,7 @@ def check_length(what: str, length: float, ship: Particulars) -> None:
     if length < shortest:
         raise InputError(
             f"data.length={length:g} s of {what} is too short for the {ship.name}: "
-            f"write at least {ceil(10 * shortest) / 10:g} s (two ship lengths)"
+            f"write at least {ceil(10 * shortest) / 10:g} s (two ship lengths), or a higher manoeuvre.speed_kn"
         )
 
 
