@@ -140,6 +140,8 @@ GLOBAL = "# @package _global_\n"
         ("ship/mine.yaml", f"{GLOBAL}defaults: [/evil]\n"),
         ("ship/mine.yaml", "defaults: {x: 1}\n"),
         ("ship/mine.yaml", "defaults: [3]\n"),
+        ("ship/mine.yaml", "defaults: ''\n"),
+        ("ship/mine.yaml", "defaults: null\n"),
         ("ship/mine.yaml", "[1, 2]\n"),
         ("hydra/launcher/evil.yaml", "_target_: my_evil.Launcher\n"),
         ("ship/mine.yaml", f"{GLOBAL}out: /elsewhere\n"),

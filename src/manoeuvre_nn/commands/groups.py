@@ -201,7 +201,7 @@ def _check_own_file(path: Path, folder: Path) -> None:
     group, name = path.relative_to(folder).parts[0], path.stem
     if group in OF_SEVERAL and "_target_" in content and f"{group}.{name}" not in package:
         raise InputError(f"{path}: its first line must say where it stands: # @package {group}.{name}")
-    defaults = content.get("defaults") or []
+    defaults = content.get("defaults", [])
     if not isinstance(defaults, list) or not all(isinstance(entry, str | Mapping) and entry for entry in defaults):
         raise InputError(f"{path} is refused: its defaults name {defaults}; write a list such as [pitch, _self_]")
     for entry in defaults:
