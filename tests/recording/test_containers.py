@@ -115,6 +115,15 @@ def test_a_broken_mat_file_is_refused(frame, tmp_path, columns, ship, how):
     assert not trap.exists()
 
 
+def test_a_mat_file_that_breaks_its_reader_down_is_refused(frame, tmp_path, columns, ship):
+    """A vector that is said to be complex, and is not: scipy 1.17 ends the process."""
+    savemat(tmp_path / "run.mat", vectors(frame))
+    whole = (tmp_path / "run.mat").read_bytes()
+    flags = struct.pack("<3i", 6, 8, 6)  # flags of an array, of eight bytes, doubles
+    (tmp_path / "run.mat").write_bytes(whole.replace(flags, flags[:9] + b"\x08" + flags[10:]))
+    refused(tmp_path / "run.mat", columns(), ship, "not a MAT file, or")
+
+
 @pytest.fixture
 def newer(tmp_path):
     """Writes a MAT file of version 7.3."""

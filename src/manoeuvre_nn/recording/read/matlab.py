@@ -1,5 +1,7 @@
 """MAT files of all versions: vectors by their names, out of structures and matrices too."""
 
+import subprocess
+import sys
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -15,6 +17,8 @@ from manoeuvre_nn.core.memory import check_memory
 from manoeuvre_nn.recording.read.containers import NOTES, reads
 from manoeuvre_nn.recording.read.streams import Stream, on_one_axis
 
+TRY = "import sys; from scipy.io import loadmat; loadmat(sys.argv[1])"
+"""Program that reads a MAT file and does nothing with it."""
 HDF5 = b"\x89HDF\r\n\x1a\n"
 """How a MAT file of version 7.3 may begin, too: it is an HDF5 file."""
 MAX_COLUMNS = 100
@@ -61,6 +65,10 @@ def mat_frame(path: Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
 
 def _older(path: Path) -> Vectors:
     """Vectors of a file of version 4 to 7.2."""
+    # On some damaged files scipy's reader ends the process (1.17: a number of no known type): another one tries first.
+    tried = subprocess.run([sys.executable, "-c", TRY, str(path)], capture_output=True, check=False)
+    if tried.returncode not in {0, 1}:
+        raise InputError(f"{path.name}: not a MAT file, or damaged: its reader breaks down; export it again, or as CSV")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of objects that it cannot make, which are left out
