@@ -64,10 +64,8 @@ def late(seconds: float, *names: str) -> Fault:
 
 
 def spiked(name: str, size: float) -> Fault:
-    """A few samples that are far off, none beside another: of two in a row no check says that they are outliers."""
-    return lambda t, rng: t.assign(
-        **{name: t[name] + size * np.isin(t.index, 2 * rng.integers(10, len(t) // 2 - 10, 3))}
-    )
+    """A few samples that are far off, none near another: of several together no check says that they are outliers."""
+    return lambda t, rng: t.assign(**{name: t[name] + size * np.isin(t.index, 8 * rng.integers(3, len(t) // 8 - 3, 3))})
 
 
 ALL: dict[str, tuple[Fault, tuple[str, ...]]] = {
