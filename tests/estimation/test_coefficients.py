@@ -14,7 +14,7 @@ from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
 from manoeuvre_nn.dynamics.rollout import roll_out
-from manoeuvre_nn.estimation.agreement import widened
+from manoeuvre_nn.estimation.agreement import Agreement, widened
 from manoeuvre_nn.estimation.coefficient_forces import own_forces, series_forces
 from manoeuvre_nn.estimation.coefficient_priors import own_prior
 from manoeuvre_nn.estimation.coefficients import (
@@ -31,7 +31,7 @@ from manoeuvre_nn.estimation.collinear import collinear_groups
 from manoeuvre_nn.estimation.linear_motion import COLUMNS, derived, linear_motion, steady_turn
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.network.series import Series, SeriesSettings
-from manoeuvre_nn.report.coefficient_tables import Coefficients, coefficients_json, sentence, tables
+from manoeuvre_nn.report.coefficient_tables import Coefficients, coefficients_json, notes, sentence, tables
 from manoeuvre_nn.ship.clarke import clarke_derivatives
 from manoeuvre_nn.ship.known import clarke_inertia_part
 from manoeuvre_nn.ship.kvlcc2 import kvlcc2_hsva
@@ -96,13 +96,23 @@ def test_a_coefficient_whose_error_is_that_of_another_is_not_measured_by_itself(
     assert list(rows["word"]) == ["together", "together", "measured", "measured"]
     assert list(rows["with"]) == [("Y_r",), ("Y_v",), (), ()]
     told = Coefficients(kvlcc2_hsva(), fitted(names, covariance=covariance), derived=pd.DataFrame(columns=COLUMNS))
-    assert sentence(told).startswith("2 of 4 coefficients are measured, 2 only together with others, 0 partly")
+    said = sentence(told)
+    assert said.startswith("2 of 4 coefficients are measured, 2 only together with others (correlation beyond 0.99)")
+    assert "errors of 4 of all these coefficients go together in 2 groups (correlation beyond 0.9)" in said
     assert [row["it is"] for row in tables(told)["Coefficients"]] == ["together with Y_r", "together with Y_v"] + 2 * [
         "measured"
     ]
     stored = coefficients_json(told)
     assert [c["together_with"] for c in stored["coefficients"]] == [["Y_r"], ["Y_v"], [], []]
     assert [g["symbols"] for g in stored["groups"]] == [["Y_v", "Y_r"], ["Y_d", "N_d"]]
+
+
+@pytest.mark.parametrize(
+    ("ratio", "degrees", "agree"), [(1.006, 30.0, True), (1.3, 30.0, True), (2.0, 30.0, False), (1.006, 0.0, True)]
+)
+def test_stretches_agree_where_chance_alone_would_part_them_as_far(ratio, degrees, agree):
+    told = Coefficients(kvlcc2_hsva(), fitted(), pd.DataFrame(columns=COLUMNS), agreement=Agreement(ratio, degrees))
+    assert any("agree on the coefficients" in line for line in notes(told)) == agree
 
 
 def test_neighbours_that_are_not_measured_by_themselves_are_in_one_group():
@@ -258,7 +268,7 @@ def test_the_steady_turn_is_the_one_that_the_ship_sails():
     with unchecked():
         (run,) = roll_out(CalmWater(ship), [turning_circle(35.0, duration=600.0)])
     rate, words = steady_turn(force, published(ship)[None], 35 * DEGREE)
-    assert rate[0] == approx(run["r"][-1] * ship.particulars.time_unit, rel=2e-3) and words == ""
+    assert rate[0] == approx(run["r"][-1] * ship.particulars.time_unit, rel=2e-3) and words == "a turn to starboard"
 
 
 @pytest.mark.parametrize("name", SHIPS)

@@ -193,8 +193,8 @@ def test_members_are_as_far_apart_as_runs_disagree():
         recorded = [one, other.with_channels(delta=other["delta"] / 1.5)]
         model, found = fit_series(abkowitz(40), KNOWN, recorded, settings=settings)
         problem = explained(model, recorded, settings)
-        covariance, ratio = birge_scaled_covariance(problem, found)
-    assert ratio > 2
+        covariance, agreement = birge_scaled_covariance(problem, found)
+    assert agreement.ratio > 2 and agreement.degrees > 1
     count = problem.shared
     narrow, wide = abkowitz(40), abkowitz(40)
     for series, of in ((narrow, found.covariance[:count, :count]), (wide, covariance)):

@@ -25,7 +25,7 @@ from manoeuvre_nn.core.threads import use_threads
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.core.waiting import waiting
 from manoeuvre_nn.core.writing import write_file
-from manoeuvre_nn.estimation.agreement import birge_scaled_covariance
+from manoeuvre_nn.estimation.agreement import Agreement, birge_scaled_covariance
 from manoeuvre_nn.estimation.captive_fit import fit_captive, towed
 from manoeuvre_nn.estimation.closed_loop import first, solve
 from manoeuvre_nn.estimation.coefficients import Fitted, approach_inertia, fitted_from, form_of
@@ -36,7 +36,7 @@ from manoeuvre_nn.recording.read.captive import CaptiveTests, read_captive
 from manoeuvre_nn.recording.read.mapping import is_number
 from manoeuvre_nn.recording.read.mapping_file import read_captive_mapping
 from manoeuvre_nn.report.coefficient_figures import figures
-from manoeuvre_nn.report.coefficient_tables import Coefficients, coefficients_json, notes, sentence, tables
+from manoeuvre_nn.report.coefficient_tables import GROUPS, Coefficients, coefficients_json, notes, sentence, tables
 from manoeuvre_nn.report.html import Report, save_figures, write_report
 from manoeuvre_nn.report.tables import rich_table
 from manoeuvre_nn.training.closed_loop_fit import ClosedLoopFit, breakdown_told, explained
@@ -80,6 +80,7 @@ class _StoredCoefficients(BaseModel):
     fitted: dict[str, Any]
     notes: Annotated[list[str], Field(min_length=1)]
     birge_ratio: Positive
+    birge_degrees: float | None = None
 
 
 def tell(cfg: DictConfig, out: Path, console: Console | None = None) -> Coefficients:
@@ -161,13 +162,13 @@ def coefficients_of(fit: ClosedLoopFit, problem: EstimationProblem, found: Estim
         Coefficients and what follows from them.
     """
     known, network, count = fit.dynamics.known, fit.network, fit.forces.count
-    values, (covariance, ratio) = found.values[:count], birge_scaled_covariance(problem, found)
+    values, (covariance, agreement) = found.values[:count], birge_scaled_covariance(problem, found)
     fitted = Fitted(
         tuple(network.names), values, covariance, problem.mean, problem.spread, approach_inertia(known),
         form_of(network.terms),
     )  # fmt: skip
     follows = derived(fit.forces, values, covariance, fitted.inertia)
-    return Coefficients(known.particulars, fitted, follows, source, ratio=ratio)
+    return Coefficients(known.particulars, fitted, follows, source, agreement=agreement)
 
 
 def write_coefficients(told: Coefficients, out: Path) -> dict[str, Figure]:
@@ -194,12 +195,12 @@ def _own(cfg: DictConfig, console: Console) -> Coefficients:
         job = prepare(unscored(cfg))
         job.data.setup(stage=None)
         f = cfg.fit
-        fitted, forces, ratio = fit_own_terms(
+        fitted, forces, agreement = fit_own_terms(
             ship, job.data.measured, float(cfg.relative), force=tuple(f.force), force_time=float(f.force_time),
             floor=tuple(f.floor), learn_force=bool(f.learn_force),
         )  # fmt: skip
     follows = derived(forces, fitted.values, fitted.covariance, fitted.inertia)
-    return Coefficients(ship.particulars, fitted, follows, job.data.describe(), ratio=ratio)
+    return Coefficients(ship.particulars, fitted, follows, job.data.describe(), agreement=agreement)
 
 
 def _read(folder: Path) -> Coefficients:
@@ -219,7 +220,8 @@ def _read(folder: Path) -> Coefficients:
     p = stored.particulars
     beam = 0.16 * p.length  # not stored and not used: a particulars has one
     ship = Particulars(stored.ship, p.length, beam, p.draught, 0.7, p.speed, 0.05, 0.6, rho=p.rho, rpm=p.rpm)
-    return Coefficients(ship, fitted_from(stored.fitted), found, stored.notes[0], ratio=stored.birge_ratio)
+    agreement = Agreement(stored.birge_ratio, stored.birge_degrees or 0.0)
+    return Coefficients(ship, fitted_from(stored.fitted), found, stored.notes[0], agreement=agreement)
 
 
 def _inertia(cfg: DictConfig) -> np.ndarray | None:
@@ -268,10 +270,10 @@ def _beside(told: Coefficients, tests: CaptiveTests, cfg: DictConfig) -> Coeffic
 def _print(told: Coefficients, out: Path, console: Console) -> None:
     """Tables, what is to be minded, and where the rest is."""
     for heading, rows in tables(told).items():
-        if rows and heading != "Known only together":
+        if rows and heading != GROUPS:
             console.print(rich_table(rows, heading))
     if len(told.groups):
-        console.print("Known only together:", style="bold")
+        console.print(f"{GROUPS}:", style="bold")
     for g in told.groups.to_dict("records"):
         console.print(
             f"  {', '.join(g['symbols'])} (correlation {g['correlation']:.2f}): {g['words']}.", highlight=False

@@ -5,6 +5,7 @@ own, and these differ by more than noise allows: by how much more is how far the
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -23,7 +24,25 @@ MIN_FLOOR_SHARE = 0.03
 """Least of a floor that sinks, over where it began."""
 
 
+class Agreement(NamedTuple):
+    """How far stretches disagree on the coefficients.
+
+    Attributes:
+        ratio: Squares of what they miss over what noise allows: 1 if the errors are right, 4 if they are half of what
+            they should be.
+        degrees: Degrees of freedom of that sum of squares.
+    """
+
+    ratio: float
+    degrees: float
+
+
 def birge_ratio(problem: EstimationProblem, found: Estimate) -> float:
+    """The ratio of :func:`agreement`."""
+    return agreement(problem, found).ratio
+
+
+def agreement(problem: EstimationProblem, found: Estimate) -> Agreement:
     """How far stretches disagree on the coefficients, over what noise allows.
 
     With a stretch's gradient g and information H at the common coefficients, states taken out, and C their covariance,
@@ -34,7 +53,7 @@ def birge_ratio(problem: EstimationProblem, found: Estimate) -> float:
         found: Its solution.
 
     Returns:
-        Sum of the one over sum of the other: 1 if the errors are right, 4 if they are half of what they should be.
+        Sum of the one over sum of the other, and the latter.
 
     Source:
         Birge 1932 (Phys. Rev. 40:207); for groups of samples White 1982.
@@ -53,7 +72,7 @@ def birge_ratio(problem: EstimationProblem, found: Estimate) -> float:
         gram = CollocatedRun(cut, now, k).gram
         one, other = _told(gram[1:, 1:] * scale[:, None] * scale, -gram[1:, 0] * scale, covariance)
         missed, allowed = missed + one, allowed + other
-    return missed / allowed if allowed > 1 else 1.0
+    return Agreement(missed / allowed if allowed > 1 else 1.0, allowed)
 
 
 def widened(
@@ -91,14 +110,14 @@ def agreed_floor(problem: EstimationProblem, found: Estimate) -> Float[np.ndarra
     return np.clip(sunk, MIN_FLOOR_SHARE * problem.floor, problem.floor)
 
 
-def birge_scaled_covariance(problem: EstimationProblem, found: Estimate) -> tuple[Float[np.ndarray, "p p"], float]:
+def birge_scaled_covariance(problem: EstimationProblem, found: Estimate) -> tuple[Float[np.ndarray, "p p"], Agreement]:
     """Covariance of the coefficients, as wide as stretches of the recordings disagree.
 
     Returns:
-        The covariance, and the :func:`birge_ratio` that it was widened by.
+        The covariance, and the :func:`agreement` by whose ratio it was widened.
     """
-    ratio, count = birge_ratio(problem, found), problem.shared
-    return widened(found.covariance[:count, :count], problem.spread, ratio), ratio
+    told, count = agreement(problem, found), problem.shared
+    return widened(found.covariance[:count, :count], problem.spread, told.ratio), told
 
 
 def _told(

@@ -113,7 +113,7 @@ def derived(
         _summary("stability C", c, told),
         _summary("Nomoto K'", motion.gain, lasts, decided),
         _summary("Nomoto T'", motion.lag, lasts, decided),
-        _summary(f"r L/U0 at {TURN_RUDDER / DEGREE:.0f} deg", rate, words),
+        _summary(f"r L/U0 at {TURN_RUDDER / DEGREE:.0f} deg of starboard rudder", rate, words),
     ]
     return pd.DataFrame(rows, columns=COLUMNS)
 
@@ -146,8 +146,20 @@ def steady_turn(
         state = _held(state + TURN_STEP / 2 * (first + second))
     lost = (np.abs(state[:, :3]) >= 2.0).any(axis=1) | (state[:, 0] <= 0.02) | (np.abs(second[:, 2]) > 0.01)
     share = float(lost.mean())
-    words = f"{100 * share:.0f} % of the draws find no steady turn" if share > 0 else ""
-    return np.where(lost, np.nan, state[:, 2]), words
+    words = [f"{100 * share:.0f} % of the draws find no steady turn"] if share > 0 else []
+    return np.where(lost, np.nan, state[:, 2]), "; ".join([*_side(state[~lost, 2]), *words])
+
+
+def _side(rates: Float[np.ndarray, " k"]) -> list[str]:
+    """To which side a ship turns with the rudder to starboard, by the draws that find a steady turn."""
+    if not len(rates):
+        return []
+    share = float((rates > 0).mean())
+    if share > 0.975:
+        return ["a turn to starboard"]
+    if share < 0.025:
+        return ["a turn to port, against the rudder"]
+    return [f"open to which side: {100 * share:.0f} % of what the recordings allow turn to starboard"]
 
 
 def _held(state: Float[np.ndarray, "k 6"]) -> Float[np.ndarray, "k 6"]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
-from manoeuvre_nn.estimation.agreement import birge_scaled_covariance
+from manoeuvre_nn.estimation.agreement import Agreement, birge_scaled_covariance
 from manoeuvre_nn.estimation.closed_loop import first, solve
 from manoeuvre_nn.estimation.coefficient_forces import CoefficientForces, own_forces
 from manoeuvre_nn.estimation.coefficient_priors import own_prior
@@ -28,7 +28,7 @@ def fit_own_terms(
     force_time: float = 1.0,
     floor: Sequence[float] = (1e-3, 1e-3, 3e-3, 2e-3, 2e-3, 3e-3),
     learn_force: bool = False,
-) -> tuple[Fitted, CoefficientForces, float]:
+) -> tuple[Fitted, CoefficientForces, Agreement]:
     """States and the coefficients of a ship's own products together.
 
     For the tanker family that is its BIS table (Xuu, Yuv, Yccd, Nur, ...), for a Taylor series its factors. Inertia,
@@ -55,6 +55,6 @@ def fit_own_terms(
         learn_process=learn_force, max_process_sd=np.array(force),
     )  # fmt: skip
     found = solve(problem, first(problem, process_sd=force), passes=MAX_PASSES)
-    (covariance, ratio), form = birge_scaled_covariance(problem, found), OWN if tanker else TAYLOR
+    (covariance, agreement), form = birge_scaled_covariance(problem, found), OWN if tanker else TAYLOR
     fitted = Fitted(tuple(forces.names), found.values, covariance, mean, spread, approach_inertia(ship), form)
-    return fitted, forces, ratio
+    return fitted, forces, agreement

@@ -9,8 +9,10 @@ import numpy as np
 import pandas as pd
 
 from manoeuvre_nn.core.particulars import Particulars
+from manoeuvre_nn.estimation.agreement import Agreement
 from manoeuvre_nn.estimation.captive_fit import Towed, agreeing_inertia, compare
 from manoeuvre_nn.estimation.coefficients import (
+    MAX_CORRELATION,
     MEASURED,
     OWN,
     PARTLY,
@@ -22,7 +24,7 @@ from manoeuvre_nn.estimation.coefficients import (
     Fitted,
     coefficient_table,
 )
-from manoeuvre_nn.estimation.collinear import collinear_groups
+from manoeuvre_nn.estimation.collinear import MIN_CORRELATION, collinear_groups
 from manoeuvre_nn.report.tables import Row
 
 SYSTEMS = {
@@ -31,6 +33,12 @@ SYSTEMS = {
     OWN: "coefficients of the ship's own source, BIS system",
 }
 """What the numbers are."""
+GROUPS = "Known better together than by themselves"
+"""Heading of the groups of coefficients whose errors go together."""
+SURE = 1.64
+"""Standard deviations that chance exceeds once in twenty times."""
+NO_MATTER = 0.1
+"""What a ratio may be above 1 in any case: errors that are a twentieth too small."""
 ONLY_RATIOS = "Free runs show forces over inertia only: all values hold for the inertia that was taken as known."
 
 
@@ -45,8 +53,8 @@ class Coefficients:
         source: Sentence on what they were fitted to.
         tests: Captive tests to set beside them, where there are any.
         captive: Coefficients from these tests.
-        ratio: How far stretches of the recordings disagree over their standard errors, squared; errors are widened by
-            its root.
+        agreement: How far stretches of the recordings disagree over their standard errors, squared; errors are widened
+            by the root of its ratio.
     """
 
     ship: Particulars
@@ -55,7 +63,7 @@ class Coefficients:
     source: str = ""
     tests: Towed | None = None
     captive: Fitted | None = None
-    ratio: float = 1.0
+    agreement: Agreement = Agreement(1.0, 0.0)
 
     @cached_property
     def rows(self) -> pd.DataFrame:
@@ -64,7 +72,7 @@ class Coefficients:
 
     @cached_property
     def groups(self) -> pd.DataFrame:
-        """Coefficients that are known only together; ``sum`` is what is known, with its 95 % interval."""
+        """Coefficients whose errors go together; ``sum`` is what is known, with its 95 % interval."""
         groups = collinear_groups(self.fitted)
         known = zip(groups["determined"], groups["value"], groups["error"], strict=True)
         return groups.assign(sum=[f"{what} = {value:.3g} ± {REACH * error:.1g}" for what, value, error in known])
@@ -78,13 +86,20 @@ class Coefficients:
 def sentence(told: Coefficients) -> str:
     """The verdict in one sentence: how many are measured by themselves, and how many go together."""
     words = list(told.rows["word"])
-    together = f"{words.count(TOGETHER)} only together with others, " if TOGETHER in words else ""
+    tied_closely = f"only together with others (correlation beyond {MAX_CORRELATION:g})"
+    together = f"{words.count(TOGETHER)} {tied_closely}, " if TOGETHER in words else ""
     text = (
         f"{words.count(MEASURED)} of {len(words)} coefficients are measured, {together}{words.count(PARTLY)} partly, "
         f"{words.count(PRIOR)} are what was assumed; the recordings fix {told.fitted.determined:.1f} combinations"
     )
     tied = len({s for symbols in told.groups["symbols"] for s in symbols})
-    return text + (f", and {tied} coefficients in {len(told.groups)} groups are known only together." if tied else ".")
+    if not tied:
+        return f"{text}."
+    groups = f"{len(told.groups)} groups" if len(told.groups) > 1 else "a group"
+    return (
+        f"{text}. The errors of {tied} of all these coefficients go together in {groups} (correlation beyond "
+        f"{MIN_CORRELATION:g}): a sum is known better than each by itself."
+    )
 
 
 def notes(told: Coefficients) -> list[str]:
@@ -95,18 +110,20 @@ def notes(told: Coefficients) -> list[str]:
         *([told.source] if told.source else []),
         f"Values are {SYSTEMS[told.fitted.form]}; rudder positive to {side}.",
         f"{ONLY_RATIOS} Here mx' = {mass[0]:.4f}, my' = {mass[1]:.4f}, mz' = {mass[2]:.5f}.",
-        _error_note(told.ratio),
+        _error_note(told.agreement),
     ]
     return lines + _captive_notes(told)
 
 
-def _error_note(ratio: float) -> str:
+def _error_note(told: Agreement) -> str:
     """How far errors can be believed."""
-    if ratio <= 1.0:
+    ratio, degrees = told
+    by_chance = SURE * (2 / degrees) ** 0.5 if degrees > 0 else 0.0  # files of before do not say how many
+    if ratio <= 1 + max(by_chance, NO_MATTER):
         return "Stretches of the recordings agree on the coefficients within their standard errors."
     return (
-        f"Stretches of 10 L/U0 disagree on coefficients by {ratio**0.5:.1f} times their errors: the products are "
-        "not quite those of the ship. All errors are widened so far."
+        f"Stretches of 10 L/U0 disagree on coefficients by {ratio**0.5:.2g} times their errors, more than by chance: "
+        "the products are not quite those of the ship. All errors are widened so far."
     )
 
 
@@ -127,12 +144,12 @@ def tables(told: Coefficients) -> dict[str, list[Row]]:
     """All tables of a report: heading -> rows."""
     made: dict[str, list[Row]] = {}
     made["Coefficients"] = [
-        {"coefficient": r["symbol"], "value": r["value"], "± 95 %": (r["high"] - r["low"]) / 2, "before": r["prior"],
+        {"symbol": r["symbol"], "value": r["value"], "± 95 %": (r["high"] - r["low"]) / 2, "before": r["prior"],
          "± before": REACH * r["prior_error"], "narrowed by [%]": round(100 * r["learnt"]),
          "it is": _word(r["word"], r["with"])}
         for r in told.rows.to_dict("records")
     ]  # fmt: skip
-    made["Known only together"] = [
+    made[GROUPS] = [
         {
             "together": ", ".join(g["symbols"]),
             "corr.": round(g["correlation"], 3),
@@ -153,7 +170,7 @@ def tables(told: Coefficients) -> dict[str, list[Row]]:
     ]
     if told.compared is not None:
         made["Recordings beside captive tests"] = [
-            {"coefficient": r["name"], "recordings": r["free"], "± 95 %": REACH * r["free_error"],
+            {"symbol": r["name"], "recordings": r["free"], "± 95 %": REACH * r["free_error"],
              "captive": r["towed"], "± 95 % ": REACH * r["towed_error"],
              "apart by": round(r["apart"], 1) if r["known"] else None, "they": r["word"]}
             for r in told.compared.to_dict("records")
@@ -176,7 +193,8 @@ def coefficients_json(told: Coefficients) -> dict[str, Any]:
         "particulars": {k: getattr(told.ship, k) for k in ("length", "draught", "speed", "rho", "rpm")},
         "system": SYSTEMS[told.fitted.form],
         "summary": sentence(told),
-        "birge_ratio": told.ratio,
+        "birge_ratio": told.agreement.ratio,
+        "birge_degrees": told.agreement.degrees,
         "notes": notes(told),
         "coefficients": [
             {
