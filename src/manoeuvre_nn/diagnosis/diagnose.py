@@ -305,7 +305,7 @@ def _over_noise(proofs: Sequence[Proof], noise: Mapping[str, float]) -> str:
 
 
 def _noise(data_set: WhitenedDataSet) -> dict[str, float]:
-    """RMS of every channel's measurement noise: no prediction can do better; NaN of a velocity that none recorded."""
+    """RMS of every channel's measurement noise as estimated; NaN of a velocity that none recorded."""
     lines = [p.linearised for p in data_set.runs]
     sensed = np.array([[name not in x.run.derived for name in x.states.channels] for x in lines])
     squares = np.stack([p.sample_noise**2 for p in data_set.runs])

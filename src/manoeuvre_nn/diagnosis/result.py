@@ -232,7 +232,7 @@ class Diagnosis:
         checks: Tests that the claim passed or not.
         runner_up: What speaks for and against the runner-up, a sentence each.
         proofs: Held-out runs before and after.
-        noise: Channel -> RMS of its measurement noise: no prediction can be better.
+        noise: Channel -> RMS of its measurement noise as estimated.
         next_steps: What to record next, most useful first.
         next_run: The run that is advised first, see :attr:`~manoeuvre_nn.diagnosis.next_runs.Plan.as_dict`; None
             without one.

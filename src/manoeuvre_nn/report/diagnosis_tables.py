@@ -185,11 +185,12 @@ def parameter_rows(causes: Sequence[Cause]) -> list[dict[str, Any]]:
 def _errors(d: Diagnosis) -> dict[str, Mapping[str, float]]:
     """RMS errors on all held-out runs, before, by the effects alone, after, and the measurement noise."""
     repaired = {ALONE: d.rmse("alone"), AFTER: d.rmse("after")} if d.repaired else {}
-    return {BEFORE: d.rmse("before"), **{k: v for k, v in repaired.items() if v}, NOISE: d.noise}
+    noise = {channel: rms if rms > 0 else math.nan for channel, rms in d.noise.items()}
+    return {BEFORE: d.rmse("before"), **{k: v for k, v in repaired.items() if v}, NOISE: noise}
 
 
 def error_rows(d: Diagnosis) -> list[dict[str, Any]]:
-    """RMS errors on all held-out runs, one row a channel; the last column is 1 for a model that cannot be better."""
+    """RMS errors on all held-out runs, one row a channel; the last column is about 1 for a model that is right."""
     errors, last = _errors(d), AFTER if d.repaired else BEFORE
     rows = []
     for channel in errors[BEFORE]:
