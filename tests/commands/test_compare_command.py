@@ -3,10 +3,13 @@
 import csv
 import json
 import os
+import re
+from itertools import product
 from pathlib import Path
 
 import pytest
 import yaml
+from pages import unexplained
 
 from manoeuvre_nn.commands.compare import compare, request, settings_of
 from manoeuvre_nn.commands.main import OF_FILES, _of_files
@@ -45,8 +48,8 @@ def asked(tmp_path, monkeypatch):
     """``asked(*folders)`` compares them; rows, what is printed at 80 columns, and the rows of the file."""
     monkeypatch.chdir(tmp_path)
 
-    def ask(*words: str):
-        console = Terminal(width=80, record=True, quiet=False, file=(tmp_path / "printed").open("w"))
+    def ask(*words: str, width: int = 80):
+        console = Terminal(width=width, record=True, quiet=False, file=(tmp_path / "printed").open("w"))
         rows = compare(request([*words, "out=table"]), console)
         assert f"{len(rows)} run{'s' * (len(rows) != 1)} compared" in Path("table/compare.html").read_text()
         with Path("table/runs.csv").open() as file:
@@ -112,14 +115,86 @@ def test_settings_that_have_no_room_are_named_and_no_word_is_broken(tmp_path, as
     run(tmp_path / "own/lost", {"tc25": float("nan")})
     rows, printed, file = asked("own/model2", "own/model", "own/lost")
     heading, _, best, *_ = (line.split() for line in printed.splitlines()[2:])
-    assert heading[:6] == ["run", "verdict", "mean", "dev/L", "worst", "setting_0"] and heading[-1] == "setting_2"
-    assert best == ["model2", "usable", "0.95", "zz10", "1.7", "another_0", "another_1", "another_2"]
+    assert heading == ["run", "verdict", "mean", "dev/L", "tc25", "zz10", "setting_0", "setting_1", "setting_2"]
+    assert best == ["model2", "usable", "0.95", "0.2", "1.7", "another_0", "another_1", "another_2"]
     said = " ".join(printed.split())
-    assert "differ: setting_3, setting_4," in said and "setting_7; they are in runs.csv and on the page" in said
+    assert "differ: setting_3, setting_4," in said and "setting_7; they are in runs.csv" in said
     assert "tc25 nan" not in printed and file[0]["fit.setting_7"] == "another_7"
     page = Path("table/compare.html").read_text()
-    places = [page.index(f">{name}<") for name in ("run", "verdict", "mean dev/L", "tc25", "setting_0")]
-    assert places == sorted(places)
+    places = [page.index(f">{name}<") for name in ("run", "verdict", "mean dev/L", "worst", "dev/L tc25", "setting_0")]
+    assert places == sorted(places) and unexplained(page) == set()
+
+
+def sweep(folder: Path, **config) -> Path:
+    """Four runs of a sweep over two settings, which chose the members too."""
+    folder.mkdir(parents=True)
+    (folder / "multirun.yaml").touch()
+    for hidden, length in product((8, 12), (120, 240)):
+        name, said = f"hidden={hidden},length={length}", [f"network.hidden={hidden}", f"data.length={length}"]
+        run(
+            folder / name, {"zz20": 1 / length, "tc35": 2 / hidden, "tc25_port": 0.1}, ["network.members=2", *said],
+            network={**USUAL["network"], "hidden": hidden, "members": 2}, data={"length": length}, **config,
+        )  # fmt: skip
+    return folder
+
+
+def another(folder: Path, **config) -> Path:
+    """A run that differs in what somebody wrote, and in what nobody did."""
+    network = {**USUAL["network"], "hidden": 12, "members": 16, "activation": "sine", "library": "quadratic"}
+    dev = {"zz20": 0.2, "tc35": 0.3, "tc25_port": 0.1}
+    return run(folder, dev, ["ship=kvlcc2"], network=network, data={"length": None}, **config)
+
+
+OUTCOME = {"run", "verdict", "mean", "dev/L", "worst", "zz20", "tc35", "tc25_port"}
+KVLCC2 = {"_target_": "manoeuvre_nn.ship.kvlcc2.kvlcc2"}
+
+
+@pytest.mark.parametrize("width", [80, 100, 129])
+def test_settings_that_were_swept_or_written_always_have_room_and_stand_before_those_that_nobody_wrote(
+    tmp_path, asked, width
+):
+    sweep(tmp_path / "swp")
+    another(tmp_path / "other", ship=KVLCC2)
+    _, printed, file = asked("swp", "other", width=width)
+    lines = printed.splitlines()
+    rule = next(k for k, line in enumerate(lines) if "──" in line)
+    heading = [word for word in lines[rule - 1].split() if word not in OUTCOME]
+    assert heading[:4] == ["length", "hidden", "ship", "members"] and max(map(len, lines[: rule + 1])) <= width
+    settings = [name.rpartition(".")[2] for name in file[0]]
+    assert settings[1:5] == heading[:4] and set(settings[5 : settings.index("status")]) == {"activation"}
+    named = [part for line in lines[rule + 1 :] for part in line.split()[:1] if "=" in part]
+    assert named and all(re.fullmatch(r"(swp/)?(hidden=\d+,)?(length=\d+)?", part) for part in named)
+
+
+def test_no_table_of_the_page_is_wider_than_ten_columns_and_names_break_at_their_signs_alone(tmp_path, asked):
+    sweep(tmp_path / "swp")
+    another(tmp_path / "other", ship=KVLCC2)
+    many = {f"zz{angle}": 0.1 for angle in range(5, 20)}
+    for name, shift in (("many", 0), ("more", 1)):
+        values = {f"setting_{k}": k + shift for k in range(20)}
+        run(tmp_path / name, many, [f"fit.{key}={value}" for key, value in values.items()], fit=values)
+    asked("swp", "other", "many", "more")
+    page = Path("table/compare.html").read_text()
+    tables = re.findall(r"<thead>.*?</thead>", page, re.DOTALL)
+    assert len(tables) == 3 and all(table.count("<th ") <= 10 for table in tables) and unexplained(page) == set()
+    assert "swp/<wbr>hidden=<wbr>12,<wbr>length=<wbr>240" in page
+    assert re.search(r"in runs.csv alone: .*dev/L zz19.*setting_19", page)
+    assert 'data-heading="verdict"' in page and "what the model may be used for" in page
+
+
+def test_a_best_run_is_named_only_among_runs_of_one_ship_and_the_same_manoeuvres(tmp_path, asked):
+    run(tmp_path / "one/a", {"zz20": 0.3})
+    run(tmp_path / "one/b", {"zz20": 0.1}, **series(9))
+    run(tmp_path / "one/stopped", None, ship=KVLCC2)
+    run(tmp_path / "ship", {"zz20": 0.2}, ship=KVLCC2)
+    run(tmp_path / "scored", {"zz20": 0.2, "tc25": 0.1})
+    for folders, best, why in (
+        (["one"], True, ""), (["one", "ship"], False, "are of different ships"), (["one", "scored"], False, "same man"),
+    ):  # fmt: skip
+        _, printed, _ = asked(*folders)
+        page = Path("table/compare.html").read_text()
+        assert ("the best is b" in page) == best and ("no best is named" in page) == (not best)
+        assert why in page and why in " ".join(printed.split())
 
 
 def test_a_ship_has_its_own_name_and_recordings_no_manoeuvre(tmp_path, asked):

@@ -2,12 +2,13 @@
 
 import io
 import json
+import math
 import re
 from dataclasses import replace
 from html import unescape
 
 import pytest
-from diagnosed import CASES, calm, unknown, windy
+from diagnosed import CASES, NOISE, calm, unknown, windy
 from rich.console import Console
 
 from manoeuvre_nn.diagnosis.answers import write_answer
@@ -17,6 +18,7 @@ from manoeuvre_nn.diagnosis.words import nature_sentence, summary_sentence, with
 from manoeuvre_nn.report.diagnosis_html import diagnosis_html
 from manoeuvre_nn.report.diagnosis_tables import (
     diagnosis_markdown,
+    error_rows,
     outcomes,
     parameter_rows,
     print_diagnosis,
@@ -187,3 +189,13 @@ def test_the_table_of_causes_breaks_no_word_at_80_columns():
     assert max(map(len, shown.splitlines())) <= 80
     assert all(word in shown for label in labels for word in label.split())
     assert shown.count("offset 3.70 ± 0.53 deg") == 3 and shown.count("starboard") == 3 and "throughout" in shown
+
+
+def test_a_channel_without_measurement_noise_has_a_dash_and_nothing_says_that_noise_cannot_be_beaten(tmp_path):
+    d = replace(windy(), noise={**NOISE, "r": 0.0, "u": math.nan})
+    rows = {row["RMS error"].partition(" [")[0]: row for row in error_rows(d)}
+    for channel in ("yaw rate r", "surge u"):
+        assert math.isnan(rows[channel]["measurement noise"]) and math.isnan(rows[channel]["repaired / noise"])
+    diagnosis_html(d, {}, tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text()
+    assert "better than" not in page and "beaten" not in page and "A model that is right comes near it" in page

@@ -12,7 +12,7 @@ from pages import Scripts, unexplained
 
 from manoeuvre_nn.report import html
 from manoeuvre_nn.report.chart import MAX_POINTS, Band, Chart, ChartPanel, Curve, Mark
-from manoeuvre_nn.report.columns import explained
+from manoeuvre_nn.report.columns import EXPLAINED, JOBS, OF_TABLE, PATTERNS, RUNS, explained
 from manoeuvre_nn.report.diagnosis_figures import channel_figure, track_figure
 from manoeuvre_nn.report.diagnosis_html import diagnosis_html
 from manoeuvre_nn.report.figures import draw_comparison
@@ -151,6 +151,25 @@ def test_every_column_of_scores_and_of_a_diagnosis_is_explained_on_the_spot(tmp_
 
 
 def test_a_heading_that_holds_a_name_is_explained_with_it_and_an_unknown_one_is_not():
-    assert explained("taylor dev/L") == "dev/L of a simpler model, taylor"
-    assert explained("repaired / noise") == "repaired over measurement noise: 1 cannot be beaten"
+    assert explained("dev/L zz20").startswith("largest distance between predicted and recorded track of zz20")
+    assert explained("repaired / noise").startswith(
+        "RMS error, repaired, over the estimated measurement noise: about 1"
+    )
+    assert explained("RMS [deg]") == "root mean square error in deg"
+    assert explained("RMS validation [deg]") == "root mean square error of the records of validation in deg"
+    for verdict, table in (("usable", RUNS), ("usable", JOBS), ("met", "IMO MSC.137(76), predicted"), ("mend", "zz10")):
+        assert verdict in explained("verdict", table)
+    assert explained("u", RUNS).startswith("setting that differs") and "unfinished" in explained("status", JOBS)
     assert explained("zz10", "Deviation over L of each target") and not explained("zz10")
+
+
+def test_an_explanation_is_a_line_that_says_something_and_no_heading_stands_in_two_ways():
+    lines = [*EXPLAINED.values(), *(line for own in OF_TABLE.values() for line in own.values())]
+    lines += [words.format("zz20", "deg") for _, words in PATTERNS]
+    assert all(line and line[-1] not in ":,; " and "{" not in line and "cannot be beaten" not in line for line in lines)
+    assert not [name for name in EXPLAINED for own in OF_TABLE.values() if own.get(name) == EXPLAINED[name]]
+
+
+@pytest.mark.parametrize("name", ["linear", "taylor", "true terms"])
+def test_the_simpler_models_beside_a_network_are_explained_each(name):
+    assert explained(f"{name} dev/L").startswith("dev/L of ") and "simpler model" not in explained(f"{name} dev/L")

@@ -1,14 +1,13 @@
 """``manoeuvre compare``: one table over runs of ``manoeuvre train``, wherever they lie."""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from rich.console import Console
-from rich.table import Table
 
 from manoeuvre_nn.commands.logs import logged
 from manoeuvre_nn.commands.provenance import CONFIG, flat, shown, versions
@@ -18,22 +17,10 @@ from manoeuvre_nn.core.data_files import OVERRIDES, load_yaml, overrides_of
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.plain_text import harmless
 from manoeuvre_nn.core.writing import locked
+from manoeuvre_nn.report.comparison import MAX_DRAWN, Comparison, fitting, page_tables, remarks, summary
 from manoeuvre_nn.report.html import Report, write_report
-from manoeuvre_nn.report.sweep import (
-    DEV,
-    LEARNT,
-    MEAN,
-    RMS,
-    error_of,
-    has_scores,
-    job_folders,
-    results_of,
-    short_name,
-    status_of,
-    sweep_figure,
-    worst_of,
-)
-from manoeuvre_nn.report.tables import Row, columns, rich_table, write_csv
+from manoeuvre_nn.report.sweep import DEV, error_of, has_scores, job_folders, results_of, sweep_figure
+from manoeuvre_nn.report.tables import columns, write_csv
 
 USAGE = "manoeuvre compare FOLDER [FOLDER ...] [out=FOLDER]"
 HELP = f"""One table over runs of manoeuvre train, wherever they lie, the closest to the recorded tracks first.
@@ -41,9 +28,12 @@ HELP = f"""One table over runs of manoeuvre train, wherever they lie, the closes
     {USAGE}
     manoeuvre compare outputs/*
 
-Columns are the run's folder, the verdict, dev/L of every held-out manoeuvre, and the settings in which the runs differ.
+Columns are the run's folder, the verdict, dev/L of the held-out manoeuvres as far as there is room, and the settings in
+which the runs differ: those swept first, then the others that somebody wrote, then those that nobody did.
 Written to out: runs.csv, with everything, and compare.html."""
 TABLE, PAGE = "runs.csv", "compare.html"
+SWEEP = "multirun.yaml"
+"""What hydra leaves in the folder of a sweep."""
 NOT_SHOWN = (
     "format", "versions", "name", "logger", "score", "config_dir", "trainer.progress", "trainer.resume",
     "trainer.threads", "ship.name",
@@ -55,12 +45,6 @@ AFTER_SCORES = ("seed", "epochs", "stopped", "seconds")
 """Results that stand last."""
 MAX_NAMED = 5
 """Folders that a line names."""
-MAX_DRAWN = 3
-"""Settings that differ up to which a figure can be read."""
-MAX_WIDTH = 10_000
-"""No table is wider [columns]."""
-STATUS_WIDTH = 30
-"""What the message of a run that failed is given at least, beside settings [columns]."""
 
 
 class _Asked(NamedTuple):
@@ -88,12 +72,13 @@ def request(words: Sequence[str]) -> _Asked:
 
 def compare(asked: _Asked, console: Console) -> list[dict[str, Any]]:
     """Write table and page, and print what fits; a row each run."""
-    rows = compared(asked.folders)
-    notes, out = [*remarks(rows), *_passed_over(asked.folders)], asked.out
+    told = compared(asked.folders)
+    rows, out = told.rows, asked.out
+    notes = [*remarks(rows), *_passed_over(asked.folders)]
     with locked(out), logged(out, f"manoeuvre compare {' '.join(map(str, asked.folders))} out={out}"):
         write_csv(out / TABLE, rows)
-        _write_page(rows, notes, asked)
-        table, left_out = fitting(rows, console)
+        _write_page(told, notes, asked)
+        table, left_out = fitting(told, console)
         console.print(table)
         for line in [*left_out, *notes]:
             console.print(f"note: {line}", highlight=False)
@@ -102,23 +87,20 @@ def compare(asked: _Asked, console: Console) -> list[dict[str, Any]]:
     return rows
 
 
-def _write_page(rows: Sequence[Row], notes: Sequence[str], asked: _Asked) -> None:
-    """The table and, where few settings differ, the figure of a sweep."""
-    names = settings_in(rows)
-    unsaid = {"job", "verdict", MEAN, "stopped", "epochs", *names}
-    others = [name for name in columns(rows) if name not in unsaid and not name.startswith("relRMSE")]
-    said = [name for name in ("verdict", MEAN) if any(row.get(name) is not None for row in rows)]
-    told = ["job", *said, *sorted(others, key=lambda name: not name.startswith((DEV, RMS))), *names]
-    drawn = {"Held-out errors/by settings": sweep_figure(rows)} if has_scores(rows) and len(names) <= MAX_DRAWN else {}
+def _write_page(told: Comparison, notes: Sequence[str], asked: _Asked) -> None:
+    """The tables and, where few settings differ, the figure of a sweep."""
+    rows = told.rows
+    few = has_scores(rows) and len(told.settings) <= MAX_DRAWN
+    tables, left_out = page_tables(told)
     report = Report(
         title=f"{len(rows)} run{'s' if len(rows) != 1 else ''} compared",
-        summary=_summary(rows, names),
-        tables={"Runs": [{_heading(name, names): row[name] for name in told} for row in rows]},
-        figures=drawn,
+        summary=summary(told),
+        tables=tables,
+        figures={"Held-out errors/by settings": sweep_figure(rows)} if few else {},
         config={"folders": [harmless(str(folder)) for folder in asked.folders]},
         versions=versions(),
-        notes=notes,
-        unfolded=("Runs",),
+        notes=[*notes, *left_out, f"{TABLE} has everything: relRMSE, epochs and seconds too."],
+        unfolded=tuple(tables),
     )
     write_report(asked.out / PAGE, report)
 
@@ -130,7 +112,7 @@ def _passed_over(folders: Sequence[Path]) -> list[str]:
     return [f"no run of manoeuvre train is in {told}: passed over"] if empty else []
 
 
-def compared(folders: Sequence[Path]) -> list[dict[str, Any]]:
+def compared(folders: Sequence[Path]) -> Comparison:
     """What runs differ in and what came out of each.
 
     Args:
@@ -147,14 +129,34 @@ def compared(folders: Sequence[Path]) -> list[dict[str, Any]]:
         raise InputError(f"{', '.join(map(str, folders))}: no run of manoeuvre train is there; write {USAGE}")
     above = Path(os.path.commonpath([job.parent for job in jobs]))
     settings = [settings_of(job) for job in jobs]
-    typed = set(chain.from_iterable(overrides_of(job / OVERRIDES) for job in jobs))
-    names = [name for name in differing(settings, typed) if name != "seed"]  # which is among the results
+    typed = {job: overrides_of(job / OVERRIDES) for job in jobs}
+    written = set(chain.from_iterable(typed.values()))
+    names = [name for name in differing(settings, written) if name != "seed"]  # which is among the results
+    varied = swept_in(typed)
+    names.sort(key=lambda name: (name not in varied, name not in written))
     rows = [
         {"job": harmless(str(job.relative_to(above))), **{name: said.get(name) for name in names}, **results_of(job)}
         for job, said in zip(jobs, settings, strict=True)
     ]
     order = sorted(columns(rows), key=lambda n: (n in AFTER_SCORES, n.startswith("relRMSE"), n.startswith(DEV)))
-    return [{name: row.get(name) for name in order} for row in sorted(rows, key=error_of)]
+    rows = [{name: row.get(name) for name in order} for row in sorted(rows, key=error_of)]
+    return Comparison(rows, names, sum(name in written for name in names))
+
+
+def swept_in(typed: Mapping[Path, Mapping[str, Any]]) -> set[str]:
+    """Settings that were swept: typed with several values in runs of one sweep.
+
+    Args:
+        typed: Folder of a run -> what was typed.
+
+    Returns:
+        Their names.
+    """
+    values: dict[tuple[Path, str], set[str]] = {}
+    for job, said in typed.items():
+        for name, value in said.items() if (job.parent / SWEEP).is_file() else ():
+            values.setdefault((job.parent, name), set()).add(str(value))
+    return {name for (_, name), several in values.items() if len(several) > 1}
 
 
 def settings_of(job: Path) -> dict[str, Any]:
@@ -200,81 +202,3 @@ def _comes_along(name: str, names: Sequence[str], settings: Sequence[Mapping[str
         return False
     pairs = {(str(s.get(group)), str(s[name])) for s in settings if name in s}
     return len(pairs) == len({option for option, _ in pairs})
-
-
-def settings_in(rows: Sequence[Row]) -> list[str]:
-    """Columns of rows that are settings: those between the run and its status."""
-    names = columns(rows)
-    return names[1 : names.index("status")]
-
-
-def remarks(rows: Sequence[Row]) -> Iterator[str]:
-    """What is to be minded when rows are compared."""
-    sets = {
-        tuple(n for n in row if n.startswith(DEV) and row[n] is not None) for row in rows if row.get(MEAN) is not None
-    }
-    if len(sets) > 1:
-        yield "The runs are not scored on the same manoeuvres: compare their columns, not the means."
-
-
-def _summary(rows: Sequence[Row], named: Sequence[str]) -> str:
-    """What came out, in a sentence."""
-    scored = [row for row in rows if error_of(row) < float("inf")]
-    if not scored:
-        return "No run has a score."
-    best = scored[0]
-    settings = [f"{_heading(name, named)}={best[name]}" for name in named if best.get(name) is not None]
-    how = f" ({', '.join(settings)})" if 0 < len(settings) <= MAX_DRAWN else ""
-    return (
-        f"{len(scored)} of {len(rows)} runs have a score; the best is {best['job']}{how}: error {error_of(best):.3g}."
-    )
-
-
-def fitting(rows: Sequence[Row], console: Console) -> tuple[Table, list[str]]:
-    """The fullest table that fits the terminal: every manoeuvre, or the worst, and the settings that have room.
-
-    Args:
-        rows: One a run.
-        console: The terminal.
-
-    Returns:
-        The table, and a line on the settings that are left out, if any is.
-    """
-    names = settings_in(rows)
-
-    def table(each: bool, shown: Sequence[str], status_width: int = MAX_WIDTH) -> Table:
-        told = [
-            {**_outcome(row, rows, each), **{_heading(name, names): row.get(name) for name in shown}} for row in rows
-        ]
-        statuses = [status_of(row)[:status_width] for row in rows]
-        if len(set(statuses)) > 1:
-            told = [{**cells, "status": status} for cells, status in zip(told, statuses, strict=True)]
-        return rich_table(told, f"{len(rows)} run{'s' if len(rows) != 1 else ''}")
-
-    def fits(each: bool, shown: Sequence[str]) -> bool:
-        wide = console.options.update(width=MAX_WIDTH)
-        return console.measure(table(each, shown, STATUS_WIDTH), options=wide).maximum <= console.width
-
-    each, shown = fits(True, names), list[str]()
-    for name in names:
-        shown += [name] if fits(each, [*shown, name]) else []
-    left_out = ", ".join(_heading(name, names) for name in names if name not in shown)
-    note = f"no room here for settings in which the runs differ: {left_out}; they are in {TABLE} and on the page"
-    return table(each, shown), [note] if left_out else []
-
-
-def _outcome(row: Row, rows: Sequence[Row], each: bool) -> dict[str, Any]:
-    """The run and what came out of it, of each held-out manoeuvre or of the worst; what no run has is left out."""
-    errors = [n for n in columns(rows) if n.startswith(RMS) and not n.startswith(LEARNT)]
-    told = ["verdict", MEAN, *errors, *(n for n in columns(rows) if each and n.startswith(DEV))]
-    told = [name for name in told if any(r.get(name) is not None for r in rows)]
-    told += ["seed"] if len({r.get("seed") for r in rows}) > 1 else []
-    cells = {_heading(name, ()): row.get(name) for name in ("job", *told)}
-    return cells if each or not any(map(worst_of, rows)) else {**cells, "worst": worst_of(row)}
-
-
-def _heading(name: str, settings: Sequence[str]) -> str:
-    """A column's name as a terminal has room for it."""
-    if name in settings:
-        return short_name(name, settings)
-    return "run" if name == "job" else name.removeprefix(DEV)

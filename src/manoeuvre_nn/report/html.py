@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 import yaml
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from manoeuvre_nn.core.plain_text import as_file_name, harmless
@@ -185,8 +186,14 @@ def _environment(package: str) -> Environment:
         lstrip_blocks=True,
     )
     made.globals |= {"columns": columns, "html_cells": html_cells, "long_table": LONG_TABLE, "text": text}
+    made.filters["breakable"] = _breakable
     made.globals["explained"] = made.tests["explained"] = explained
     return made
+
+
+def _breakable(name: str) -> Markup:
+    """A name that a line may be broken in after a stroke, a comma or an equals sign, as in ``sweep/hidden=8,tau=2``."""
+    return Markup(re.sub(r"(?<=[/,=])(?=\S)", "<wbr>", str(escape(name))))
 
 
 def data_address(figure: Figure) -> str:

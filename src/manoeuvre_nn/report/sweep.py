@@ -17,14 +17,13 @@ from manoeuvre_nn.core.data_files import OVERRIDES, load_json, overrides_of
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.writing import write_file
 from manoeuvre_nn.dynamics.limits import OK
+from manoeuvre_nn.report.columns import JOBS
 from manoeuvre_nn.report.html import Report, save_figure, write_report
 from manoeuvre_nn.report.style import COLOURS, FIGURE_WIDTH_IN, MARKERS, legend_below, log_axis, new_figure, plain_axes
 from manoeuvre_nn.report.tables import Row, columns, rich_table, text, to_markdown, write_csv
 
 SCORES, ERROR = "scores.json", "error.txt"
 """Files of a job's folder: what it scored, what was swept, and why it failed."""
-JOBS = "Jobs, best first"
-"""Heading of their table on the page."""
 MEAN, DEV = "mean dev/L", "dev/L "
 """Columns of the mean and, followed by its name, of each held-out manoeuvre."""
 RMS = "RMS "
@@ -170,6 +169,24 @@ def error_of(row: Row) -> float:
     starts = (MEAN, f"{RMS}validation", f"{RMS}testing")
     found = [row[name] for start in starts for name in row if name.startswith(start)]
     return _number(next(iter(found), None), float("inf"))
+
+
+def why_no_best(rows: Sequence[Row]) -> str:
+    """Why errors of runs cannot be set beside each other.
+
+    Args:
+        rows: One a run.
+
+    Returns:
+        The reason; empty if all that have a score are of one ship and scored on the same.
+    """
+    scored = [row for row in rows if error_of(row) < float("inf")]
+    ships = {tuple(str(row[n]) for n in columns(rows) if n in row and f"{n}.".startswith("ship.")) for row in scored}
+    if len(ships) > 1:
+        return "the runs are of different ships"
+    of_scores = [name for name in columns(rows) if name.startswith((DEV, RMS)) and not name.startswith(LEARNT)]
+    sets = {tuple(name for name in of_scores if row.get(name) is not None) for row in scored}
+    return "the runs are not scored on the same manoeuvres or records" if len(sets) > 1 else ""
 
 
 def short_name(name: str, names: Sequence[str]) -> str:
@@ -318,8 +335,10 @@ def write_sweep(folder: Path) -> Table:
             save_figure(figure, folder / f"{name}.png", dpi=150)
     told = {name: value for name, value in short[0].items() if value not in (None, "finished") and name != "seconds"}
     best = ", ".join(f"{name} {text(value, 3)}" for name, value in told.items())
+    why = why_no_best(rows)
+    said = f"{len(rows)} jobs; no best is named: {why}." if why else f"Best of {len(rows)} jobs: {best}."
     named = {f"Errors over what was swept/{name}": figure for name, figure in figures.items()}
-    page = Report(f"Sweep {folder.name}", f"Best of {len(rows)} jobs: {best}.", {JOBS: short}, named, unfolded=(JOBS,))
+    page = Report(f"Sweep {folder.name}", said, {JOBS: short}, named, unfolded=(JOBS,))
     write_report(folder / "sweep.html", page)
     return rich_table(short, f"Sweep {folder.name}")
 
