@@ -1,6 +1,7 @@
 """``python scripts/excite.py``: advice for simulated and given models; wrong input in one line."""
 
 import json
+import re
 import runpy
 import sys
 from dataclasses import replace
@@ -151,6 +152,8 @@ def test_a_candidate_of_ones_own_is_told_as_it_is_typed(asked):
         (made,) = training_manoeuvres(compose("simulate", [word]).manoeuvre)
         assert made.name == name
     best = asked[0].best.manoeuvre
+    place = r"at \d+ deg of rudder( to (starboard|port))?, v' = \S+ \(sway.*?\), r' = \S+ \(yaw rate.*?\)"
+    assert re.search(place, sentence(asked[0]))
     assert f"Sail next: {best} ('manoeuvre=[x]', " in sentence(replace(asked[0], typed={best: "manoeuvre=[x]"}))
 
 

@@ -1,6 +1,7 @@
 """Every logger holds the numbers over epochs, the last scores and the settings, and goes on in a resumed run."""
 
 import csv
+from pathlib import Path
 
 import pytest
 import yaml
@@ -27,6 +28,8 @@ def rows(out) -> list[dict[str, str]]:
 
 def test_several_loggers_at_once_each_hold_the_last_scores_and_the_settings(tmp_path):
     ended(tmp_path, ToCsv(), ToTensorBoard())
+    told = [chosen.open(tmp_path / "other").shown_by(Path("out/a")) for chosen in (ToCsv(), ToTensorBoard())]
+    assert told == ["numbers over epochs: out/a/csv/metrics.csv", "dashboard: tensorboard --logdir out"]
     assert rows(tmp_path)[-1]["zz20/dev_L"] == "0.125" and rows(tmp_path)[0]["train/mse"]
     assert yaml.safe_load((tmp_path / "csv/hparams.yaml").read_text()) == SETTINGS
     board = EventAccumulator(str(tmp_path / "tensorboard")).Reload()

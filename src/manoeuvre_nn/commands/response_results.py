@@ -215,4 +215,5 @@ def print_response(outcome: _ResponseOutcome, out: Path, console: Console) -> No
     console.print(verdict_text(outcome.verdict), soft_wrap=True, highlight=False)
     console.print(told, soft_wrap=True, highlight=False)
     here = shown(out)
-    console.print(f"report: {here / 'report.html'}   dashboard: tensorboard --logdir {here.parent}", soft_wrap=True)
+    logs = [logger.shown_by(here) for logger in outcome.trained.loggers]
+    console.print("   ".join([f"report: {here / 'report.html'}", *logs]), soft_wrap=True)

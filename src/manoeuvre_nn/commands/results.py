@@ -257,4 +257,5 @@ def print_outcome(outcome: _Outcome, out: Path, console: Console) -> None:
     console.print(outcome.data.describe())
     console.print(f"relRMSE on them: {errors}; {how.epochs} epochs in {how.seconds:.1f} s; {how.stopped}.")
     here = shown(out)
-    console.print(f"report: {here / 'report.html'}   dashboard: tensorboard --logdir {here.parent}", soft_wrap=True)
+    logs = [logger.shown_by(here) for logger in outcome.trained.loggers]
+    console.print("   ".join([f"report: {here / 'report.html'}", *logs]), soft_wrap=True)

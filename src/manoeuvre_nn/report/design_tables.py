@@ -77,7 +77,13 @@ def _place(a: ManoeuvreAdvice, target: str) -> str:
         return ""
     along = a.where[a.where["manoeuvre"] == target]
     v, r, delta = along[["v", "r", "delta"]].iloc[along["spread"].argmax()]
-    return f", above all at {delta / DEGREE:.0f} deg of rudder, v' = {v:.2f}, r' = {r:.2f}"
+    rudder = f"{abs(delta) / DEGREE:.0f} deg of rudder{_side(delta)}"
+    return f", above all at {rudder}, v' = {v:.2f} (sway{_side(v)}), r' = {r:.2f} (yaw rate{_side(r)})"
+
+
+def _side(value: float) -> str:
+    """To which side a rudder angle, a sway velocity or a yaw rate is; empty of one that is 0."""
+    return f" to {'starboard' if value > 0 else 'port'}" if abs(value) > 5e-4 else ""
 
 
 def advice_rows(a: ManoeuvreAdvice) -> list[dict[str, Any]]:

@@ -41,6 +41,17 @@ class RunLogger(Logger, ABC):
     def add_figure(self, name: str, figure: Any, epoch: int) -> None:
         """Show a figure; ``name`` and ``epoch`` as in :meth:`add_picture`."""
 
+    def shown_by(self, folder: Path) -> str:
+        """What shows the log of a run.
+
+        Args:
+            folder: The run's folder as it is told.
+
+        Returns:
+            Words for the last line of a command.
+        """
+        return f"log: {folder}"
+
     def end(self, settings: Mapping[str, Any], scores: Mapping[str, float], epoch: int) -> None:
         """Write the last scores and the settings, and close the log.
 
@@ -65,6 +76,10 @@ class Dashboard(RunLogger, TensorBoardLogger):
             folder: Its part for TensorBoard's files.
         """
         super().__init__(out, name="", version=folder, default_hp_metric=False)
+
+    def shown_by(self, folder: Path) -> str:
+        """The command that shows it, beside the runs around it."""
+        return f"dashboard: tensorboard --logdir {folder.parent}"
 
     def log_metrics(self, metrics: Mapping[str, float], step: int | None = None) -> None:
         """Numbers over epochs by their places on the dashboard; Lightning's count of epochs is none."""

@@ -88,6 +88,10 @@ class _CsvLog(RunLogger, CSVLogger):
             self.experiment.metrics += before
             self.save()
 
+    def shown_by(self, folder: Path) -> str:
+        """Where the file is."""
+        return f"numbers over epochs: {folder / CSV / 'metrics.csv'}"
+
 
 def _rows(path: Path) -> list[dict[str, Any]]:
     """Rows of a file; none if it is missing."""
@@ -124,6 +128,11 @@ class _MLflowLog(RunLogger, MLFlowLogger):
             if self._run_id is None:
                 raise InputError(f"logger=mlflow: {error}: see MLflow's variable {STORE}") from error
             self._run_id = None
+
+    def shown_by(self, folder: Path) -> str:
+        """The command that shows the store in a folder, or the address of another."""
+        command = f"{FILES_ALLOWED}=true mlflow ui --backend-store-uri {MLRUNS}"
+        return f"dashboard: {os.environ.get(STORE) or command}"
 
     def add_picture(self, name: str, path: Path, epoch: int) -> None:
         """Keep a figure that is written already."""
