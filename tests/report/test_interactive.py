@@ -173,3 +173,12 @@ def test_an_explanation_is_a_line_that_says_something_and_no_heading_stands_in_t
 @pytest.mark.parametrize("name", ["linear", "taylor", "true terms"])
 def test_the_simpler_models_beside_a_network_are_explained_each(name):
     assert explained(f"{name} dev/L").startswith("dev/L of ") and "simpler model" not in explained(f"{name} dev/L")
+
+
+def test_each_member_has_its_name_under_the_pointer_and_all_share_one_entry_of_the_legend(recorded, make_course):
+    members = [make_course(drift=drift) for drift in (0.5, 1.0, 1.5)]
+    traces = as_data(comparison_charts(recorded, make_course(), members)["track"])["panels"][0]["traces"]
+    thin = [trace for trace in traces if trace.get("name") == "members"]
+    assert [trace["meta"] for trace in thin] == ["member 1", "member 2", "member 3"]
+    assert [trace["showlegend"] for trace in thin] == [True, False, False]
+    assert {trace["legendgroup"] for trace in thin} == {"members"} and "%{meta}" not in str(traces)

@@ -34,6 +34,7 @@ class Curve:
         label: What it is.
         times: Time of each point of a track [s], for whoever points at it.
         filled: Whether it is an outline, or several with a gap after each.
+        name: What it is called where it is pointed at, if that is more than the label, which several may share.
     """
 
     x: Samples
@@ -42,6 +43,7 @@ class Curve:
     label: str = ""
     times: Samples | None = None
     filled: bool = False
+    name: str = ""
 
     @property
     def drawn(self) -> slice:

@@ -157,7 +157,8 @@ def error_figure(d: Diagnosis) -> Figure:
     low, high = log_axis(axes, "x").get_xlim()
     axes.set_xlim(min(low, 0.7), max(high, 3.0))
     if high < 5.5:  # even ticks would leave out 1, by which all is measured
-        axes.xaxis.set_major_locator(FixedLocator([1.0, 1.5, 2.0, 3.0, 4.0, 5.0]))
+        below = [tick for tick in (0.01, 0.02, 0.05, 0.1, 0.2, 0.5) if tick >= low]
+        axes.xaxis.set_major_locator(FixedLocator([*below, 1.0, *(() if below else (1.5,)), 2.0, 3.0, 4.0, 5.0]))
     handles = [
         Line2D([], [], label=BEFORE, color=CALM["color"], marker="D", linestyle=""),
         Line2D([], [], label=AFTER, color=REPAIRED["color"], marker="o", linestyle=""),

@@ -1,7 +1,8 @@
 // Draws the charts of the page: as plotly.js has them, with zoom and what stands under the pointer.
 "use strict";
 (() => {
-  const INK = "#1c2430", GRID = "#dddddd", GAP = 26, TOP = 44, LINE = 17, BOTTOM = 48, SIDES = 78, HIGHEST = 720;
+  const INK = "#1c2430", GRID = "#dddddd", GAP = 26, TOP = 44, LINE = 17, BOTTOM = 48, SIDES = 78, LOWEST = 260, HIGHEST = 720, BESIDE = 560;
+  const HALO = ["1px 1px", "-1px 1px", "1px -1px", "-1px -1px"].map(way => way + " 2px #fff").join(", "); // keeps a word readable that lies on a curve
   const config = { displaylogo: false, modeBarButtons: [["zoom2d", "pan2d", "zoomIn2d", "zoomOut2d", "resetScale2d"]] };
   const finger = matchMedia("(pointer: coarse)").matches; // a finger on a figure scrolls the page; zoom is in the bar
   const lines = panel => panel.title ? panel.title.split("<br>").length : 0;
@@ -59,15 +60,40 @@
   }
   const ratio = panel => { const [left, right, low, high] = ends(panel); return (high - low) / (right - left); };
 
-  function single(panel, width, beside) {
-    const plot = panel.equal ? Math.min(Math.max(ratio(panel) * (width - SIDES), 260), HIGHEST) : beside ? 260 : 360;
+  // Words of marks where they have room: on the panel, and off each other; as they were asked for if they have.
+  const PLACES = ["top right", "top left", "bottom right", "bottom left", "top center", "bottom center"];
+  const pen = document.createElement("canvas").getContext("2d");
+  function placed(panel, width, plot) {
+    const size = width < 700 ? 10 : 12, [left, right, low, high] = ends(panel), room = width - SIDES, taken = [];
+    pen.font = `${size}px system-ui, sans-serif`;
+    const fit = [room / (right - left), plot / (high - low)], [across, up] = panel.equal ? fit.fill(Math.min(...fit)) : fit;
+    return panel.traces.map(trace => {
+      if (!trace.text?.[0]) return trace;
+      const word = trace.marker ? trace.text[0] : `\u00a0${trace.text[0]}\u00a0`; // plotly leaves no room beside a word alone
+      const x = room / 2 + (trace.x[0] - (left + right) / 2) * across, y = plot / 2 - (trace.y[0] - (low + high) / 2) * up;
+      const long = pen.measureText(word).width, tall = 1.05 * size, off = trace.marker ? 6.6 : 0; // as plotly has it
+      const box = place => {
+        const [height, side] = place.split(" ");
+        const from = side === "right" ? x + off : side === "left" ? x - off - long : x - long / 2, top = height === "top" ? y - off - tall : y + off;
+        return [from, from + long, top, top + tall];
+      };
+      const inside = ([from, to, top, bottom]) => from > 0 && to < room + 10 && top > 0 && bottom < plot;
+      const free = ([from, to, top, bottom]) => taken.every(one => to < one[0] || from > one[1] || bottom < one[2] || top > one[3]);
+      const choices = [trace.textposition, ...PLACES].filter(place => inside(box(place)));
+      const best = choices.find(place => free(box(place))) ?? choices[0] ?? trace.textposition;
+      taken.push(box(best));
+      return { ...trace, text: [word], textposition: best, textfont: { ...trace.textfont, size, shadow: HALO } };
+    });
+  }
+
+  function single(panel, width, plot) {
     const layout = { ...base(width, plot, panel), hovermode: "closest" }, limits = panel.equal ? ends(panel) : panel.limits;
     layout.xaxis = axis(panel.xlabel, limits ? { range: limits.slice(0, 2) } : {});
     layout.yaxis = axis(panel.ylabel, { automargin: true, ...(limits ? { range: limits.slice(2) } : {}), ...(panel.equal ? { scaleanchor: "x" } : {}) });
     furnish(layout, panel, "x", "y");
     const where = panel.equal ? "%{y:.4~g} north, %{x:.4~g} east" : "%{x:.4~g}, %{y:.4~g}";
-    const traces = panel.traces.map(trace => ({ type: "scatter", ...trace, ...(trace.hoverinfo ? {} : {
-      hovertemplate: (trace.customdata ? "%{customdata:.4~g} s: " : "") + where + "<extra>%{fullData.name}</extra>" }) }));
+    const traces = placed(panel, width, plot).map(trace => ({ type: "scatter", ...trace, ...(trace.hoverinfo ? {} : {
+      hovertemplate: (trace.customdata ? "%{customdata:.4~g} s: " : "") + where + `<extra>%{${trace.meta ? "meta" : "fullData.name"}}</extra>` }) }));
     return [traces, layout];
   }
 
@@ -76,8 +102,20 @@
     if (room < 700 || chart.panels.length < 2) return chart.panels.map(() => room);
     if (chart.columns > 1) return chart.panels.map(() => Math.floor(room / chart.columns));
     const tall = chart.panels[0].equal && ratio(chart.panels[0]) > 1.2;
-    const first = tall ? Math.max(Math.ceil(HIGHEST / ratio(chart.panels[0])) + SIDES, 420) : room;
+    const first = tall ? Math.max(Math.ceil(BESIDE / ratio(chart.panels[0])) + SIDES, 420) : room;
     return chart.panels.map((_, k) => !tall ? room : k ? room - first : first);
+  }
+
+  // Heights of these panels: what stands beside a map is as high as it is, so that no gap is left below.
+  function heights(chart, each, room) {
+    const own = chart.panels.map((panel, k) => panel.equal ? Math.min(Math.max(ratio(panel) * (each[k] - SIDES), LOWEST), HIGHEST) : k ? LOWEST : 360);
+    if (each.every(width => width === room)) return own;
+    if (chart.columns > 1) return own.map((_, k) => {
+      const row = Math.floor(k / chart.columns) * chart.columns;
+      return Math.min(Math.max(...own.slice(row, row + chart.columns)), BESIDE);
+    });
+    const frame = panel => TOP + LINE * lines(panel) + BOTTOM, whole = BESIDE + frame(chart.panels[0]);
+    return own.map((_, k) => k ? Math.max(whole / (own.length - 1) - frame(chart.panels[k]), LOWEST) : BESIDE);
   }
 
   function draw(figure) {
@@ -85,9 +123,9 @@
     live.className = "live";
     figure.append(live);
     figure.classList.add("drawn");
-    const room = live.clientWidth - 1, each = widths(chart, room);
+    const room = live.clientWidth - 1, each = widths(chart, room), high = heights(chart, each, room);
     (chart.one_time ? [null] : chart.panels).forEach((panel, k) => {
-      const holder = document.createElement("div"), [traces, layout] = panel ? single(panel, each[k], k > 0) : stacked(chart, room);
+      const holder = document.createElement("div"), [traces, layout] = panel ? single(panel, each[k], high[k]) : stacked(chart, room);
       live.append(holder);
       Plotly.newPlot(holder, traces, layout, config);
     });

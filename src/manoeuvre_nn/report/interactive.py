@@ -112,6 +112,8 @@ def _curve(curve: Curve) -> dict[str, Any]:
         trace |= {"mode": mode, "marker": {"symbol": SYMBOLS[marker], "size": 7, "color": _rgba(curve.style)}}
     if curve.filled:
         return trace | {"fill": "toself", "fillcolor": _rgba(curve.style, "facecolor"), "hoverinfo": "skip"}
+    if curve.name:
+        trace |= {"meta": _plain(curve.name), "legendgroup": _plain(curve.label)}
     if curve.times is not None:
         trace |= {"customdata": _numbers(curve.times[keep])}
     return trace

@@ -25,7 +25,7 @@ PANELS: dict[str, tuple[str, float]] = {
     "v": ("sway v [m/s]", 1.0),
 }
 """Channels over time from the top down: axis label, factor from SI."""
-MEMBER: dict[str, Any] = {"color": COLOURS[0], "linewidth": 0.5, "alpha": 0.35}
+MEMBER: dict[str, Any] = {"color": COLOURS[0], "linewidth": 0.6, "alpha": 0.5}
 MEMBERS: dict[str, Any] = {"color": COLOURS[0], "alpha": 0.2, "linewidth": 0}
 ENDED: dict[str, Any] = {"color": COLOURS[0], "alpha": 0.12, "linewidth": 0}
 MEASURE: dict[str, Any] = {"color": "black", "linestyle": ":", "linewidth": 1.0}
@@ -96,7 +96,10 @@ def track_chart(
         return (np.stack([run["y"], run["x"]], axis=-1) - start) / length
 
     tracks = [seen_from_start(run) for run in (reference, prediction)]
-    curves = [along(seen_from_start(member)[:: 1 + len(member) // MEMBER_POINTS], MEMBER) for member in members]
+    curves = [
+        along(seen_from_start(member)[:: 1 + len(member) // MEMBER_POINTS], MEMBER, "members", name=f"member {number}")
+        for number, member in enumerate(members, start=1)
+    ]
     times = np.linspace(reference.time[0], reference.time[-1], OUTLINES)
     runs = ((reference, tracks[0], RECORDED, "recorded"), (prediction, tracks[1], PREDICTED, "predicted"))
     for run, track, style, label in runs:
