@@ -148,7 +148,7 @@ def test_the_tankers_own_table_is_fitted_to_a_recording():
     columns = dict(zip(CHANNELS, (track.stacked(*CHANNELS) * units).T, strict=True))
     recording = Recording("zz20", track.time * second, {**columns, "delta": track["delta"]})
     with unchecked():
-        fitted, forces, ratio = fit_own_terms(ship, [recording])
+        fitted, forces, agreement = fit_own_terms(ship, [recording])
     z = (fitted.values - fitted.mean) / fitted.errors
-    assert np.abs(z).max() < 3.5 and fitted.determined > 12 and ratio < 1.5
+    assert np.abs(z).max() < 3.5 and fitted.determined > 12 and agreement.ratio < 1.5
     assert fitted.names == tuple(forces.names) and fitted.values[:3] == approx(fitted.mean[:3], rel=0.1)

@@ -6,7 +6,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from manoeuvre_nn.report.figures import time_series_figure
-from manoeuvre_nn.report.html import Report, data_address, write_report
+from manoeuvre_nn.report.html import Report, data_address, write_page, write_report
 
 EVIL = "<script>alert('x')</script> & \"quoted\""
 OUTSIDE = ("src", "href", "srcset", "data", "action", "poster")
@@ -119,3 +119,21 @@ def test_long_words_may_be_broken_and_an_empty_cell_stands_as_its_column_does(tm
     assert '<td class="long">drift' in text and "td.long" in text and '<td class="text">short</td>' in text
     assert text.count('<td class="text">–</td>') == 1 and text.count('<td class="number">–</td>') == 1
     assert "Training" not in text and "What to know" in text
+
+
+def test_pages_of_others_have_no_explanations_that_are_meant_for_ours(tmp_path):
+    rows = [{"verdict": "holds", "value": 1.0}]
+    titles = []
+    for package in ("manoeuvre_nn.report", "studies.reproduction"):
+        report = Report(title="t", summary="s", tables={"Claims": rows})
+        shown = {"report": report, "config": "", "key": [], "sections": {}, "training": []}
+        page = write_page(tmp_path / "r.html", "report.html", package, **shown).read_text()
+        titles.append(page.count("What the columns say"))
+    assert titles == [1, 0]
+
+
+def test_a_wide_table_is_told_apart_so_that_paper_has_room_for_it(tmp_path):
+    for count in (8, 9):
+        rows = [{f"value {k}": 0.1 for k in range(count)}]
+        page = write_report(tmp_path / "r.html", Report(title="t", summary="s", tables={"Runs": rows})).read_text()
+        assert ('class="cards many"' in page) == (count > 8)

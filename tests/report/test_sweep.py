@@ -198,3 +198,11 @@ def test_the_map_of_two_settings_has_a_cell_each_pair_with_the_median_of_its_rep
 
 def test_one_setting_alone_has_no_map(sweep):
     assert heat_map(sweep_rows(sweep)) is None
+
+
+def test_a_sweep_over_ships_names_no_best(tmp_path):
+    for k, ship in enumerate(("mariner", "kvlcc2")):
+        job(tmp_path, str(k), [f"ship={ship}"], {"zz20": 0.1 + k})
+    write_sweep(tmp_path)
+    page = (tmp_path / "sweep.html").read_text()
+    assert "2 jobs; no best is named: the runs are of different ships." in page and unexplained(page) == set()

@@ -22,6 +22,8 @@ from manoeuvre_nn.report.columns import explained
 from manoeuvre_nn.report.interactive import as_data, script_policy, scripts
 from manoeuvre_nn.report.tables import Row, columns, html_cells, text
 
+OURS = "manoeuvre_nn.report"
+"""Package of the templates of all commands."""
 TRAINING = "training"
 """Section of the figures that belong to no manoeuvre."""
 LONG_TABLE = 12
@@ -125,7 +127,7 @@ def save_figure(figure: Figure, path: Path, dpi: int) -> None:
         figure.savefig(draft, format=path.suffix.removeprefix("."), dpi=dpi)
 
 
-def write_page(path: Path, template: str, package: str = "manoeuvre_nn.report", **content: Any) -> Path:
+def write_page(path: Path, template: str, package: str = OURS, **content: Any) -> Path:
     """Write a page of any kind; everything that is given as text is escaped, and a forgotten value is an error.
 
     Args:
@@ -179,7 +181,7 @@ def _with_contents(page: str) -> str:
 def _environment(package: str) -> Environment:
     """Templates of a package, and those of this room that they extend."""
     made = Environment(
-        loader=ChoiceLoader([PackageLoader(name, ".") for name in dict.fromkeys((package, "manoeuvre_nn.report"))]),
+        loader=ChoiceLoader([PackageLoader(name, ".") for name in dict.fromkeys((package, OURS))]),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -187,8 +189,14 @@ def _environment(package: str) -> Environment:
     )
     made.globals |= {"columns": columns, "html_cells": html_cells, "long_table": LONG_TABLE, "text": text}
     made.filters["breakable"] = _breakable
-    made.globals["explained"] = made.tests["explained"] = explained
+    # Pages of others, such as those of studies, may call other things by the same headings.
+    made.globals["explained"] = made.tests["explained"] = explained if package == OURS else _unknown
     return made
+
+
+def _unknown(column: str, table: str = "") -> str:
+    """No explanation."""
+    return ""
 
 
 def _breakable(name: str) -> Markup:
