@@ -80,6 +80,14 @@ def test_a_setting_that_comes_with_another_network_is_no_difference_unless_someb
     assert "network.activation" not in rows[0]
 
 
+def test_what_a_refused_command_left_is_passed_over(tmp_path, asked):
+    run(tmp_path / "good", {"zz20": 0.3})
+    (tmp_path / "refused/.hydra").mkdir(parents=True)
+    (tmp_path / "refused/.hydra/overrides.yaml").write_text("[trainer.max_epochs=0]")
+    rows, printed, _ = asked("good", "refused")
+    assert [row["job"] for row in rows] == ["good"] and "refused: passed over" in printed
+
+
 def test_a_run_that_failed_or_was_stopped_stands_last_and_says_so(tmp_path, asked):
     run(tmp_path / "all/good", {"zz20": 0.3})
     run(tmp_path / "all/stopped", None)

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from rich.console import Console
 
 from manoeuvre_nn.commands.logs import logged
-from manoeuvre_nn.commands.provenance import CONFIG, flat, shown, versions
+from manoeuvre_nn.commands.provenance import CONFIG, SCORES, flat, shown, versions
 from manoeuvre_nn.commands.settings import SEVERAL
 from manoeuvre_nn.commands.shelves import TARGET
 from manoeuvre_nn.core.data_files import OVERRIDES, load_yaml, overrides_of
@@ -19,7 +19,7 @@ from manoeuvre_nn.core.plain_text import harmless
 from manoeuvre_nn.core.writing import locked
 from manoeuvre_nn.report.comparison import MAX_DRAWN, Comparison, fitting, page_tables, remarks, summary
 from manoeuvre_nn.report.html import Report, write_report
-from manoeuvre_nn.report.sweep import DEV, error_of, has_scores, job_folders, results_of, sweep_figure
+from manoeuvre_nn.report.sweep import DEV, ERROR, error_of, has_scores, job_folders, results_of, sweep_figure
 from manoeuvre_nn.report.tables import columns, write_csv
 
 USAGE = "manoeuvre compare FOLDER [FOLDER ...] [out=FOLDER]"
@@ -105,9 +105,14 @@ def _write_page(told: Comparison, notes: Sequence[str], asked: _Asked) -> None:
     write_report(asked.out / PAGE, report)
 
 
+def _begun(folder: Path) -> list[Path]:
+    """Runs in a folder, without what a command left that was refused before it began."""
+    return [job for job in job_folders(folder) if any((job / name).exists() for name in (CONFIG, SCORES, ERROR))]
+
+
 def _passed_over(folders: Sequence[Path]) -> list[str]:
     """A line on folders without a run, such as those of a diagnosis; empty if there is none."""
-    empty = [harmless(str(folder)) for folder in folders if not list(job_folders(folder))]
+    empty = [harmless(str(folder)) for folder in folders if not _begun(folder)]
     told = f"{', '.join(empty[:MAX_NAMED])}{' ...' if len(empty) > MAX_NAMED else ''}"
     return [f"no run of manoeuvre train is in {told}: passed over"] if empty else []
 
@@ -124,7 +129,7 @@ def compared(folders: Sequence[Path]) -> Comparison:
     Raises:
         InputError: If there is no run.
     """
-    jobs = list(dict.fromkeys(Path(os.path.realpath(job)) for folder in folders for job in job_folders(folder)))
+    jobs = list(dict.fromkeys(Path(os.path.realpath(job)) for folder in folders for job in _begun(folder)))
     if not jobs:
         raise InputError(f"{', '.join(map(str, folders))}: no run of manoeuvre train is there; write {USAGE}")
     above = Path(os.path.commonpath([job.parent for job in jobs]))
