@@ -16,6 +16,7 @@ from manoeuvre_nn.commands.provenance import SCORES, hyperparameters, shown, ver
 from manoeuvre_nn.core.response import Records, Response
 from manoeuvre_nn.core.terminal import Say
 from manoeuvre_nn.core.writing import draft_of, write_file
+from manoeuvre_nn.numerics.finite_algebra import lstsq
 from manoeuvre_nn.report.figures import learning_figure
 from manoeuvre_nn.report.html import Report, save_figures, write_report
 from manoeuvre_nn.report.response_figures import response_figures
@@ -77,7 +78,7 @@ class _ResponseOutcome:
         errors, sets, unit = self.errors, self.data.sets, self.data.quantities.output
         tested = [name for name in (TESTING, BETWEEN) if name in errors]
         learnt = sets[LEARNING]
-        plane = np.linalg.lstsq(_with_ones(learnt), learnt.values, rcond=None)[0]
+        plane = lstsq(_with_ones(learnt), learnt.values)
         return response_verdict(
             {name: errors[name]["rms"] for name in tested},
             {name: float(sets[name].values.std()) / unit.size for name in tested},

@@ -12,7 +12,6 @@ from typing import Any, NamedTuple
 import matplotlib as mpl
 import yaml
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
 from manoeuvre_nn.core.plain_text import as_file_name, harmless
@@ -199,9 +198,16 @@ def _unknown(column: str, table: str = "") -> str:
     return ""
 
 
-def _breakable(name: str) -> Markup:
-    """A name that a line may be broken in after a stroke, a comma or an equals sign, as in ``sweep/hidden=8,tau=2``."""
-    return Markup(re.sub(r"(?<=[/,=])(?=\S)", "<wbr>", str(escape(name))))
+def _breakable(escaped: str) -> str:
+    """HTML of a name that a line may be broken in after a stroke, a comma or an equals sign, as in ``a/hidden=8,b=2``.
+
+    Args:
+        escaped: The name, escaped.
+
+    Returns:
+        The same with places to break at, still escaped.
+    """
+    return re.sub(r"(?<=[/,=])(?=\S)", "<wbr>", str(escaped))
 
 
 def data_address(figure: Figure) -> str:
