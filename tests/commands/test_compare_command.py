@@ -80,6 +80,13 @@ def test_a_setting_that_comes_with_another_network_is_no_difference_unless_someb
     assert "network.activation" not in rows[0]
 
 
+def test_a_setting_that_is_not_given_is_null_as_in_the_config(tmp_path, asked):
+    run(tmp_path / "a", {"zz20": 0.3}, data={"length": None})
+    run(tmp_path / "b", {"zz20": 0.1}, data={"length": 120})
+    rows, printed, _ = asked("a", "b")
+    assert [row["data.length"] for row in rows] == [120, "null"] and "None" not in printed
+
+
 def test_what_a_refused_command_left_is_passed_over(tmp_path, asked):
     run(tmp_path / "good", {"zz20": 0.3})
     (tmp_path / "refused/.hydra").mkdir(parents=True)

@@ -180,7 +180,8 @@ def settings_of(job: Path) -> dict[str, Any]:
             found[group] = str((group == "ship" and said.get("name")) or str(said[TARGET]).rpartition(".")[2])
         elif isinstance(said, Mapping) and group in SEVERAL:
             found[group] = " ".join(name for name, one in said.items() if isinstance(one, Mapping)) or "none"
-    found |= {k: v if isinstance(v, str | int | float) else str(v) for k, v in flat(dict(config)).items()}
+    for name, value in flat(dict(config)).items():
+        found[name] = value if isinstance(value, str | int | float) else "null" if value is None else str(value)
     left_out = tuple(f"{name}." for name in NOT_SHOWN)
     return {k: v for k, v in found.items() if not k.endswith(TARGET) and not f"{k}.".startswith(left_out)}
 
