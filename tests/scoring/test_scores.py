@@ -101,6 +101,24 @@ def test_the_spread_of_members_is_what_nine_of_ten_keep_where_it_is_largest():
     assert second.spread_L is None
 
 
+def test_the_criteria_of_members_are_compared_in_circles_and_one_that_breaks_down_reaches_none():
+    with unchecked():
+        (turn,) = simulated_references(CALM, [turning_circle(25.0, duration=600.0)])
+    scorer = HeldOut((turn,), SHIP.length)
+    (alone,) = scorer.score([turn])
+    diameter = alone.criteria["tactical_diameter_L"]
+    wider = [turn.with_channels(x=s * turn["x"], y=s * turn["y"]) for s in np.linspace(1.0, 1.09, 10)]
+    (found,) = scorer.score([turn], [wider])
+    assert found.spread_criteria["tactical_diameter_L"] == approx(0.08 * diameter, rel=0.02)
+    assert found.as_dict()["spread_criteria"] == found.spread_criteria and alone.spread_criteria == {}
+    lost = [replace(one, status="left the physical range at 30 s") for one in wider[:2]]
+    (open_,) = scorer.score([turn], [[*wider[2:], *lost]])
+    assert open_.spread_criteria["tactical_diameter_L"] == np.inf
+    assert open_.as_dict()["spread_criteria"]["tactical_diameter_L"] is None
+    zigzag = replace(turn, meta={**turn.meta, "kind": "zigzag"})
+    assert HeldOut((zigzag,), SHIP.length).score([zigzag], [wider])[0].spread_criteria == {}
+
+
 def test_every_reference_is_predicted_in_its_place_by_its_helmsman_or_its_recorded_rudder():
     with unchecked():
         steered = simulated_references(CALM, [straight(60.0), turning_circle(20.0, duration=60.0)])

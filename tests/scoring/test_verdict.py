@@ -168,6 +168,15 @@ def test_criteria_count_for_themselves_where_tracks_run_away(wrong, close):
     assert f"{said} within 10 %, overshoots 2 deg; but zz20 is 9 L off, tc35 is 9 L off." in found.sentence
 
 
+@pytest.mark.parametrize(("off", "close"), [(0.4, True), (0.6, False), (np.inf, False)])
+def test_criteria_that_the_members_leave_open_are_not_predicted(off, close):
+    circle = {"advance_L": 3.1, "tactical_diameter_L": 5.0}
+    apart = {"spread_L": 2.5, "spread_criteria": {"advance_L": 0.1, "tactical_diameter_L": off}}
+    found = judged([Score(run.name, "ok", 1.4, {}, circle, circle, **apart) for run in RUNS])
+    assert found.word == ("usable" if close else "do not use")
+    assert bool(found.unfit) is not close
+
+
 def test_a_criterion_that_was_not_reached_is_not_predicted():
     first, second = zigzags(9.0)
     short = replace(first, criteria={k: v for k, v in RECORDED.items() if k != "period_s"})

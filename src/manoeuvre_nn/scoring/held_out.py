@@ -19,7 +19,7 @@ from manoeuvre_nn.dynamics.vessel import Vessel, as_vessel
 from manoeuvre_nn.estimation.accelerations import accelerations
 from manoeuvre_nn.manoeuvre.criteria import criteria
 from manoeuvre_nn.scoring.as_steered import as_steered
-from manoeuvre_nn.scoring.score import Score, score, spread
+from manoeuvre_nn.scoring.score import Score, score, spread, spread_of_criteria
 
 Solver = Literal["torchdiffeq", "rollout"]
 RTOL = 1e-6
@@ -120,8 +120,14 @@ class HeldOut:
         for k, run in steered.items():
             found = criteria(run, "zigzag", self.length) if run.status == OK else {}
             scores[k] = replace(scores[k], criteria=found)
-        each = zip(scores, predictions, members or [[]] * len(scores), strict=True)
-        return [replace(s, spread_L=spread(p, m, self.length)) if m else s for s, p, m in each]
+        for k, (own, prediction) in enumerate(zip(members, predictions, strict=True) if members else ()):
+            if own:
+                found = dict[str, float]()
+                # Of a zigzag criteria are of the ship as she is steered, which members are not.
+                if (kind := self.references[k].meta.get("kind", "")) == "turning_circle":
+                    found = spread_of_criteria(scores[k].criteria, own, kind, self.length)
+                scores[k] = replace(scores[k], spread_L=spread(prediction, own, self.length), spread_criteria=found)
+        return scores
 
 
 def simulated_references(ship: Model | Vessel, manoeuvres: Sequence[Manoeuvre]) -> tuple[Recording, ...]:

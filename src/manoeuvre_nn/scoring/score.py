@@ -30,6 +30,7 @@ class Score:
         reference: The same of the recording.
         spread_L: Distance over L that nine of ten members of an ensemble keep from its prediction, where it is largest
             [-]; None for a model that is no ensemble. It grows where the data leave open what the ship does.
+        spread_criteria: How far nine of ten members keep from the prediction's criteria, of turning circles.
     """
 
     manoeuvre: str
@@ -39,6 +40,7 @@ class Score:
     criteria: Mapping[str, float] = field(default_factory=dict)
     reference: Mapping[str, float] = field(default_factory=dict)
     spread_L: float | None = None  # noqa: N815
+    spread_criteria: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def errors(self) -> dict[str, float]:
@@ -55,11 +57,13 @@ class Score:
         """What ``scores.json`` holds for the manoeuvre.
 
         Returns:
-            Plain numbers and strings.
+            Plain numbers and strings; None is infinite.
         """
+        apart = {name: off if np.isfinite(off) else None for name, off in self.spread_criteria.items()}
         return {
             "dev_L": self.dev_L,
             **({} if self.spread_L is None else {"spread_L": self.spread_L}),
+            **({"spread_criteria": apart} if apart else {}),
             "nrmse": dict(self.nrmse),
             "status": self.status,
             "criteria": dict(self.criteria),
@@ -127,6 +131,25 @@ def spread(prediction: Recording, members: Sequence[Recording], length: float) -
     """
     gaps = [np.hypot(*(np.interp(prediction.time, m.time, m[k]) - prediction[k] for k in ("x", "y"))) for m in members]
     return float(np.quantile(gaps, 0.9, axis=0).max() / length)
+
+
+def spread_of_criteria(
+    found: Mapping[str, float], members: Sequence[Recording], kind: str, length: float
+) -> dict[str, float]:
+    """How far the criteria of an ensemble's members are from its own.
+
+    Args:
+        found: Criteria of the ensemble's prediction.
+        members: What each member predicts.
+        kind: Family of the manoeuvre.
+        length: L [m].
+
+    Returns:
+        Criterion -> difference that nine of ten members keep; infinite where they do not reach it.
+    """
+    each = [criteria(m, kind, length) if m.status == OK else {} for m in members]
+    off = {name: [abs(one.get(name, np.inf) - value) for one in each] for name, value in found.items()}
+    return {name: float(np.sort(gaps)[int(np.ceil(0.9 * len(gaps))) - 1]) for name, gaps in off.items()}
 
 
 def _nrmse(prediction: Float[np.ndarray, " n"], reference: Float[np.ndarray, " n"]) -> float:

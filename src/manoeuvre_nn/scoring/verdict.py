@@ -165,12 +165,14 @@ def _told(
 
 
 def _has_criteria_of(score: Score) -> bool:
-    """Whether the main criteria of a manoeuvre, if it has any, were predicted."""
+    """Whether the main criteria of a manoeuvre, if it has any, were predicted and an ensemble's members agree."""
     names, errors = score.main_criteria, score.errors
 
     def close(name: str) -> bool:
-        least = MAX_OVERSHOOT_DEG if name.startswith("overshoot") else 0.0
-        return abs(errors[name]) <= max(least, MAX_CRITERION * abs(score.reference[name]))
+        most = max(
+            MAX_OVERSHOOT_DEG if name.startswith("overshoot") else 0.0, MAX_CRITERION * abs(score.reference[name])
+        )
+        return abs(errors[name]) <= most and score.spread_criteria.get(name, 0.0) <= most
 
     return bool(names) and all(name in errors and close(name) for name in names)
 
