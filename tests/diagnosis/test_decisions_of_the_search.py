@@ -9,10 +9,13 @@ import pytest
 from trials import SHIP, values
 
 from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.diagnosis import checks as checking
 from manoeuvre_nn.diagnosis import diagnose as proving
 from manoeuvre_nn.diagnosis import fits
 from manoeuvre_nn.diagnosis import search as under_test
 from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL, single
+from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS
+from manoeuvre_nn.diagnosis.result import Check
 from manoeuvre_nn.diagnosis.search import search
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.depth import ShallowWater
@@ -296,10 +299,13 @@ def test_a_named_effect_must_gain_eight_in_fitted_and_held_out_runs_together(
     assert chosen.names == (names if named else ()) and checks[0].passed is named
 
 
-def proved(monkeypatch, claims, gains, errors, trained=False, surplus=()) -> tuple:
+SAILED = Check(REPAIRED_SAILS, True, "")
+
+
+def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=()) -> tuple:
     """What is chosen among claims with these gains in held-out runs; errors of effects alone, with corrections.
 
-    Those of ``surplus`` have one effect too many.
+    Those of ``surplus`` have one effect too many; the first fails the tests ``poor``.
     """
     none = fit(100.0)
     acting = Hypothesis(tuple(EFFECTS[:1]), (values(EFFECTS[0]),))
@@ -313,17 +319,18 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=()) -> tup
 
     for name, made in {
         "prove": prove, "at_rest": lambda data_set, j: (data_set, j), "averaged": lambda data_set, j: j,
-        "replace": lambda j, corrections: SimpleNamespace(**{**vars(j), "corrections": corrections}),
+        "replace": lambda j, **new: SimpleNamespace(**{**vars(j), **new}) if hasattr(j, "names") else replace(j, **new),
         "in_held_out_runs": lambda question, j: SimpleNamespace(
             hypothesis=acting, evidence=7.0 + gains.get(j.names, 0.0)
         ),
         "is_fitted": lambda dynamics: trained, "_cost": lambda question, errors: errors[0]["cost"],
         "_last_effect_helps": lambda question, claim, *_: claim.names not in surplus,
         "labels": lambda j: "", "_unit": lambda question: "",
-        "repaired_check": lambda *_: "sailed",
+        "repaired_check": lambda *_: SAILED,
     }.items():  # fmt: skip
         monkeypatch.setattr(proving, name, made)
-    monkeypatch.setattr(proving.checking, "checks", lambda *_: [])
+    failed = {claims[0].names: [Check(name, False, "") for name in poor]}
+    monkeypatch.setattr(proving.checking, "checks", lambda _, j: failed.get(j.names, []))
     return proving._proved(
         Mock(workers=1, case=Mock(held_out=[1])), SimpleNamespace(likelihood=Mock(), none=none), claims
     )
@@ -335,8 +342,21 @@ def test_what_fitted_runs_leave_open_held_out_ones_settle(monkeypatch, gain, cho
     claims = [fit(120.0, "current"), fit(117.0, "log_scale"), fit(114.0, "wind_steady")]
     gains = {("current",): 10.0, ("log_scale",): gain, ("wind_steady",): 90.0}
     found, _, checks = proved(monkeypatch, claims, gains, {})
-    assert found.names == (chosen,) and checks.count("sailed") == 1
+    assert found.names == (chosen,) and checks.count(SAILED) == 1
     assert len(checks) == 3, "six behind is no rival"
+
+
+ALL_THREE = (checking.ON_BOUNDS, checking.LEFT, REPAIRED_SAILS)
+
+
+@pytest.mark.parametrize("poor", [ALL_THREE, ALL_THREE[:2], ALL_THREE[1:], ALL_THREE[::2]])
+@pytest.mark.parametrize("gap", [2.0, 9.0])
+def test_a_claim_that_explains_nothing_gives_way_to_the_next(monkeypatch, poor, gap):
+    """At the end of its range, with as much left, and free runs that miss: it takes all three. A rival or no rival."""
+    claims = [fit(120.0, "current"), fit(120.0 - gap, "log_scale")]
+    found, _, checks = proved(monkeypatch, claims, {("current",): 30.0, ("log_scale",): 20.0}, {}, poor=poor)
+    assert found.names == (("log_scale",) if poor == ALL_THREE else ("current",))
+    assert (not checks[0].passed and "as much is left" in checks[0].text) == (poor == ALL_THREE)
 
 
 @pytest.mark.parametrize("one_too_many, chosen", [
@@ -358,28 +378,3 @@ def test_an_effect_is_not_refuted_by_coefficients_that_do_not_hold_in_other_runs
     claim = fit(120.0, "current")
     found, proofs, _ = proved(monkeypatch, [claim], {("current",): 40.0}, {("current",): (alone, corrected)})
     assert (found.names, proofs[0].rmse_after["cost"]) == ((("current",), after) if after else ((), 2.0))
-
-
-def test_an_event_that_was_given_times_has_an_error_for_each_of_them(monkeypatch):
-    """Where its values were fitted is then where its times were found, not where it had none."""
-    effect = SideForce(SHIP)
-    nowhere = np.tile(effect.values.numpy(), (2, 1))
-    timed = [p.per_run for p in effect.declared]
-    nowhere[1, timed] = np.inf
-    somewhere = nowhere.copy()
-    somewhere[1] = somewhere[0]
-    without, placed = (Hypothesis((effect,), (values,)) for values in (nowhere, somewhere))
-    assert len(placed.unknowns()) > len(without.unknowns())
-
-    class Anywhere:
-        def improve(self, h, level, scatter, rounds=5):
-            return h, 10.0 if h is without else 0.0
-
-        def evaluate(self, h, around=None):
-            moved = h.with_vector(h.vector() + 1.0)
-            return FittedHypothesis(moved, 5.0, np.zeros((1, 1)), np.eye(len(h.unknowns())))
-
-    monkeypatch.setattr(fits, "beside", lambda likelihood, h: likelihood)
-    monkeypatch.setattr(fits, "replaced", lambda likelihood, h, level, scatter: placed)
-    found = fits.refine(Anywhere(), without, 0, 0)
-    assert len(found.errors) == len(found.hypothesis.unknowns()) == len(placed.unknowns())

@@ -15,6 +15,7 @@ from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.diagnosis import fits
 from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.causes import _when
 from manoeuvre_nn.diagnosis.fits import single
@@ -332,3 +333,28 @@ def test_a_large_force_is_placed_in_all_runs_that_were_not_used(force_kN):
     assert [times_of(there.effects[0], values) for values in there.values[0]] == [
         (approx((150.0, 300.0), abs=2.0),)
     ] * 2
+
+
+def test_an_event_that_was_given_times_has_an_error_for_each_of_them(monkeypatch):
+    """Where its values were fitted is then where its times were found, not where it had none."""
+    effect = SideForce(SHIP)
+    nowhere = np.tile(effect.values.numpy(), (2, 1))
+    timed = [p.per_run for p in effect.declared]
+    nowhere[1, timed] = np.inf
+    somewhere = nowhere.copy()
+    somewhere[1] = somewhere[0]
+    without, placed = (Hypothesis((effect,), (values,)) for values in (nowhere, somewhere))
+    assert len(placed.unknowns()) > len(without.unknowns())
+
+    class Anywhere:
+        def improve(self, h, level, scatter, rounds=5):
+            return h, 10.0 if h is without else 0.0
+
+        def evaluate(self, h, around=None):
+            moved = h.with_vector(h.vector() + 1.0)
+            return FittedHypothesis(moved, 5.0, np.zeros((1, 1)), np.eye(len(h.unknowns())))
+
+    monkeypatch.setattr(fits, "beside", lambda likelihood, h: likelihood)
+    monkeypatch.setattr(fits, "replaced", lambda likelihood, h, level, scatter: placed)
+    found = fits.refine(Anywhere(), without, 0, 0)
+    assert len(found.errors) == len(found.hypothesis.unknowns()) == len(placed.unknowns())

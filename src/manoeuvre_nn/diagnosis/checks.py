@@ -1,11 +1,13 @@
 """Tests that a named effect must pass, and effects that these recordings cannot tell from it."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.advise import apart
+from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS
 from manoeuvre_nn.diagnosis.result import Check
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
@@ -14,6 +16,8 @@ from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypoth
 
 MAX_FORM_SDS = 4.0
 """Prior standard deviations by which an uncertain part of a formula may be off: chance exceeds it in one of 16,000."""
+ON_BOUNDS, LEFT = "parameters off their bounds", "little is left"
+"""Names of two tests."""
 INDISTINGUISHABLE = 9.0
 """Expected gap, twice the log evidence, below which two effects are reported together."""
 
@@ -23,13 +27,27 @@ def checks(tried: SearchResult, chosen: FittedHypothesis) -> list[Check]:
     return [_off_bounds(chosen), _little_left(tried, chosen), _same_in_all_runs(tried, chosen)]
 
 
+def explains_nothing(checks: Sequence[Check]) -> bool:
+    """Whether a claim is only the nearest to something else.
+
+    Args:
+        checks: Tests that it was put to.
+
+    Returns:
+        True where its numbers are at the end of what is possible, as much is left of the missing force as in calm
+        water, and free runs of held-out manoeuvres miss by more than is unknown: it takes all three.
+    """
+    failed = {check.name for check in checks if not check.passed}
+    return {ON_BOUNDS, LEFT, REPAIRED_SAILS} <= failed
+
+
 def _off_bounds(chosen: FittedHypothesis) -> Check:
     """Parameters on a bound, or a formula further off than published ones are, are a sign of the wrong effect."""
     on = [f"{f.parameter.name} = {value:.3g} {f.parameter.unit}" for f, value in chosen.hypothesis.on_bounds()]
     off = [f"{name} by {sds:.1f} standard deviations" for name, sds in _forms_off(chosen)]
     told = [f"on a bound: {', '.join(on)}"] if on else []
     told += [f"the formula is off what is published: {', '.join(off)}"] if off else []
-    return Check("parameters off their bounds", not told, "; ".join(told) or "all parameters are inside their bounds")
+    return Check(ON_BOUNDS, not told, "; ".join(told) or "all parameters are inside their bounds")
 
 
 def _forms_off(chosen: FittedHypothesis) -> list[tuple[str, float]]:
@@ -47,7 +65,7 @@ def _little_left(tried: SearchResult, chosen: FittedHypothesis) -> Check:
         f"a random force of {100 * after:.2g} % of the resistance and of the force of 20 deg of rudder is left, "
         f"{100 * before:.2g} % in calm water"
     )
-    return Check("little is left", bool(after < 1.5e-2 or after < before), text)
+    return Check(LEFT, bool(after < 1.5e-2 or after < before), text)
 
 
 def _same_in_all_runs(tried: SearchResult, chosen: FittedHypothesis) -> Check:

@@ -156,9 +156,13 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         # What the fitted runs leave open others may settle.
         rivals = [c for c in claims if Formula.name not in (*c.names, *claim.names) and are_rivals(claim, c)]
         best = max((t for t in put([claim, *rivals]) if t.helped), key=lambda t: t.evidence)
-        checks = [t.check for t in known.values()]
         sailed = [repaired_check(question, tried, best.fitted, best.there)] if question.case.held_out else []
-        return best.fitted, best.proofs, [*checks, *sailed, *checking.checks(tried, best.fitted)]
+        of_best = [*sailed, *checking.checks(tried, best.fitted)]
+        if not checking.explains_nothing(of_best):
+            return best.fitted, best.proofs, [*(t.check for t in known.values()), *of_best]
+        text = f"{best.check.text}; at the end of what is possible, and as much is left as in calm water"
+        known.update((k, replace(t, check=Check(GAIN, False, text))) for k, t in known.items() if t is best)
+        left.insert(0, claim)  # or what may take its place
     # Nothing is missing, but coefficients may be off within their scatter.
     corrected = prove(question, none, none.hypothesis, proofs) if proofs else []
     better = _cost(question, [p.rmse_after for p in corrected]) < before
