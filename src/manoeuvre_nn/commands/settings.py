@@ -35,10 +35,10 @@ class SettingKind(NamedTuple):
     def check(self, name: str, value: Any) -> None:
         """Refuse a plain value that is not of this kind; ``name`` is the setting's."""
         if not self.accepts(value):
-            raise InputError(f"{name}={shown(value)}: expected {self.expected}")
+            raise InputError(f"{name}={abridged(value)}: expected {self.expected}")
 
 
-def shown(value: Any) -> str:
+def abridged(value: Any) -> str:
     """A value as a message repeats it: its beginning."""
     said = str(value)
     return said if len(said) <= MAX_SHOWN else f"{said[:MAX_SHOWN]}..."
@@ -207,7 +207,7 @@ def check_settings(
             endless = isinstance(value, float) and isinf(value)  # which an argument says itself whether it may be
             if key not in kinds and not (endless or is_sensible(value, most)):
                 sizes = f"from {SMALLEST_NUMBER:g} to {LARGEST_NUMBER:g}"
-                raise InputError(f"{where}{key}={shown(value)}: expected 0, or a number of a size {sizes}")
+                raise InputError(f"{where}{key}={abridged(value)}: expected 0, or a number of a size {sizes}")
 
 
 def _plain(value: Any) -> Any:

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 from omegaconf import DictConfig, ListConfig, OmegaConf
 
 from manoeuvre_nn.commands.groups import option, options, own_modules
-from manoeuvre_nn.commands.settings import SEVERAL, shown
+from manoeuvre_nn.commands.settings import SEVERAL, abridged
 from manoeuvre_nn.core.data_files import PLAIN, check_plain
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.limits import MAX_COUNTED, MAX_SEED, NumberLimits
@@ -69,7 +69,9 @@ def build(config: Any, group: str, where: str | None = None, /, **more: Any) -> 
     settings = {name: value for name, value in described.items() if name != TARGET}
     check_plain(settings, where)
     for name in settings.keys() & more.keys():
-        raise InputError(f"{where}.{name}={shown(settings[name])} is no setting of {made.__name__}: leave {name} out")
+        raise InputError(
+            f"{where}.{name}={abridged(settings[name])} is no setting of {made.__name__}: leave {name} out"
+        )
     settings = gathered(made, {**settings, **more}, where)
     check_arguments(made, settings, where, list(more))
     return made(**settings)
@@ -80,7 +82,7 @@ def plain(config: Any, where: str = "") -> dict[str, Any]:
     if isinstance(config, DictConfig | ListConfig):
         config = OmegaConf.to_container(config, resolve=True, throw_on_missing=True)
     if not isinstance(config, Mapping):
-        raise InputError(f"{where}={shown(config)}: expected settings, as in the files of conf")
+        raise InputError(f"{where}={abridged(config)}: expected settings, as in the files of conf")
     return {str(key): value for key, value in config.items()}
 
 
@@ -101,13 +103,13 @@ def on_shelf(target: Any, group: str, where: str | None = None) -> Callable[...,
     """
     said = f"{where or group}.{TARGET}"
     if not isinstance(target, str) or not target:
-        raise InputError(f"{said} is {shown(target)}: expected what is made, as in the files of conf/{group}")
+        raise InputError(f"{said} is {abridged(target)}: expected what is made, as in the files of conf/{group}")
     shelf, (module, _, name) = SHELVES[group], target.rpartition(".")
     places = " or ".join(shelf.places)
     foreign = module.partition(".")[0] in {"manoeuvre_nn", *own_modules, *sys.stdlib_module_names}
     own = "" if foreign else f"; if {module} is a module of your own that you trust, add plugins=[{module}]"
     refused = InputError(
-        f"{said}: {shown(target)} is refused; a config may only name things in {places} for {group}{own}"
+        f"{said}: {abridged(target)} is refused; a config may only name things in {places} for {group}{own}"
     )
     here = module in own_modules or any(f"{module}.".startswith(f"{place}.") for place in shelf.places)
     if not here or name.startswith("_"):
@@ -232,7 +234,9 @@ def check_arguments(
     for name, value in settings.items():
         parameter = known.get(name, others)
         if parameter and name not in given and not _fits(value, parameter.annotation, name):
-            raise InputError(f"{where}.{name}={shown(value)}: expected {_in_words(name, value, parameter.annotation)}")
+            raise InputError(
+                f"{where}.{name}={abridged(value)}: expected {_in_words(name, value, parameter.annotation)}"
+            )
 
 
 def _takes_others(function: Callable[..., Any]) -> bool:

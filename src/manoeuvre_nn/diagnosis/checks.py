@@ -34,8 +34,8 @@ def explains_nothing(checks: Sequence[Check]) -> bool:
         checks: Tests that it was put to.
 
     Returns:
-        True where its numbers are at the end of what is possible, as much is left of the missing force as in calm
-        water, and free runs of held-out manoeuvres miss by more than is unknown: it takes all three.
+        True where its numbers are at an end of what is possible or published, as much is left of the missing force as
+        in calm water, and free runs of held-out manoeuvres miss by more than is unknown: it takes all three.
     """
     failed = {check.name for check in checks if not check.passed}
     return {ON_BOUNDS, LEFT, REPAIRED_SAILS} <= failed

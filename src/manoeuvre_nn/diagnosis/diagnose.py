@@ -160,8 +160,9 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         of_best = [*sailed, *checking.checks(tried, best.fitted)]
         if not checking.explains_nothing(of_best):
             return best.fitted, best.proofs, [*(t.check for t in known.values()), *of_best]
-        text = f"{best.check.text}; at the end of what is possible, and as much is left as in calm water"
-        known.update((k, replace(t, check=Check(GAIN, False, text))) for k, t in known.items() if t is best)
+        why = "its numbers are at an end of what is possible or published, and as much is left as in calm water"
+        key = next(k for k, t in known.items() if t is best)
+        known[key] = replace(best, check=Check(GAIN, False, f"{best.check.text}; {why}"))
         left.insert(0, claim)  # or what may take its place
     # Nothing is missing, but coefficients may be off within their scatter.
     corrected = prove(question, none, none.hypothesis, proofs) if proofs else []

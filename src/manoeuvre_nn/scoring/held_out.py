@@ -120,14 +120,17 @@ class HeldOut:
         for k, run in steered.items():
             found = criteria(run, "zigzag", self.length) if run.status == OK else {}
             scores[k] = replace(scores[k], criteria=found)
-        for k, (own, prediction) in enumerate(zip(members, predictions, strict=True) if members else ()):
-            if own:
-                found = dict[str, float]()
-                # Of a zigzag criteria are of the ship as she is steered, which members are not.
-                if (kind := self.references[k].meta.get("kind", "")) == "turning_circle":
-                    found = spread_of_criteria(scores[k].criteria, own, kind, self.length)
-                scores[k] = replace(scores[k], spread_L=spread(prediction, own, self.length), spread_criteria=found)
-        return scores
+        each = zip(scores, predictions, self.references, members or [[]] * len(scores), strict=True)
+        return [
+            replace(
+                s,
+                spread_L=spread(p, m, self.length),
+                spread_criteria=spread_of_criteria(s.criteria, m, r.meta.get("kind", ""), self.length),
+            )
+            if m
+            else s
+            for s, p, r, m in each
+        ]
 
 
 def simulated_references(ship: Model | Vessel, manoeuvres: Sequence[Manoeuvre]) -> tuple[Recording, ...]:

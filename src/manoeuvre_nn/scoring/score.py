@@ -145,8 +145,11 @@ def spread_of_criteria(
         length: L [m].
 
     Returns:
-        Criterion -> difference that nine of ten members keep; infinite where they do not reach it.
+        Criterion -> difference that nine of ten members keep; infinite where they do not reach it. Of turning circles
+        alone: criteria of a zigzag are those of the ship as she is steered, which members are not.
     """
+    if kind != "turning_circle":
+        return {}
     each = [criteria(m, kind, length) if m.status == OK else {} for m in members]
     off = {name: [abs(one.get(name, np.inf) - value) for one in each] for name, value in found.items()}
     return {name: float(np.sort(gaps)[int(np.ceil(0.9 * len(gaps))) - 1]) for name, gaps in off.items()}
