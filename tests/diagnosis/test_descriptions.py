@@ -1,4 +1,4 @@
-"""What is said of what was found, by numbers that are known: kinds of forces, times of events, runs to sail next."""
+"""What is said of what was found, by numbers that are known: kinds of forces, runs to sail next."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -7,20 +7,26 @@ import numpy as np
 import pandas as pd
 import pytest
 from pytest import approx
-from scipy.special import logsumexp
 from trials import CALM, SHIP, values
 
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis import advise, answers, forecast, nature, next_runs, predictive, windows, words
+from manoeuvre_nn.diagnosis import (
+    advise,
+    answers,
+    forecast,
+    nature,
+    next_runs,
+    predictive,
+    words,
+)
 from manoeuvre_nn.diagnosis.locate import unit_forces
 from manoeuvre_nn.diagnosis.result import Cause, Value
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.sensors import LeverArm
-from manoeuvre_nn.effect.wind import WindOnset
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
-from manoeuvre_nn.estimation.hypothesis import STOPS, FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -114,100 +120,6 @@ def test_something_unknown_is_described_by_a_proved_formula_or_by_what_is_likeli
     found = nature.nature_of(tried, SimpleNamespace(formula=formula), [], proved)
     assert (None if found is None else (found.kind, found.against)) == expected
     assert found is None or (found.frame, found.parity, found.regime) == ("body", "odd", 0.7)
-
-
-# Events --------------------------------------------------------------------------------------------------------------
-
-EDGES = np.arange(0.0, 101.0, 10.0)
-
-
-@pytest.mark.parametrize("may_last", [False, True])
-def test_times_of_an_event_have_a_flat_prior_and_last_two_blocks(may_last):
-    blocks = windows._Blocks(EDGES, np.zeros((1, 10)), np.zeros((1, 10, 10)), (1.0, 1.0))
-    gates = blocks.gates(may_last, 0.0)
-    length = np.diff(gates.times, axis=1)[:, 0]
-    assert logsumexp(gates.prior) == approx(0.0, abs=1e-12) and length.min() == 20.0
-    assert len(gates.times) == 10 * 9 / 2 and np.isinf(length).sum() == (9 if may_last else 0)
-    if may_last:
-        assert np.exp(logsumexp(gates.prior[np.isfinite(length)])) == approx(STOPS)
-    inside = gates.shares[(gates.times == [20.0, 50.0]).all(axis=1)][0]
-    assert inside.tolist() == [0, 0, 1, 1, 1, 0, 0, 0, 0, 0]
-
-
-def test_what_builds_up_for_minutes_begins_and_goes_on():
-    blocks = windows._Blocks(EDGES, np.zeros((1, 10)), np.zeros((1, 10, 10)), (1.0, 1.0))
-    gates = blocks.gates(True, 60.0)
-    assert np.isinf(gates.times[:, 1]).all()
-    (begun,) = gates.shares[gates.times[:, 0] == 50.0]
-    assert begun == approx(np.clip((EDGES[:-1] + 5.0 - 50.0) / 60.0 + 0.5, 0.0, 1.0))
-
-
-def test_the_likelihood_ratio_of_an_event_is_that_of_its_blocks_at_the_likeliest_size():
-    """Pull b and square a of all blocks within: s b - s^2 a / 2, s from 0.7 to 1.4; beside others at its own size."""
-    right, gram = np.array([[3.0, 1.0, 8.0]]), np.diag([2.0, 2.0, 1.0])[None]
-    blocks = windows._Blocks(np.arange(4.0), right, gram, windows.SCALES)
-    gates = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
-    ratios = blocks.ratios(0, gates)
-    assert ratios == approx([4.0 - 2.0, 1.4 * 8.0 - 0.98, 0.7 - 0.49], abs=1e-6)
-    beside = blocks.ratios(0, gates, np.array([0.0, 0.5, 1.0]))
-    assert beside == approx([3.0 - 2.0, 7.0 - 0.5, 0.0 - 1.0], abs=1e-6)
-
-
-SETS = [
-    ((), (30.0, 60.0), 1.0, ((30.0, 60.0),)),
-    (((70.0, 90.0),), (30.0, 50.0), 1.0, ((30.0, 50.0), (70.0, 90.0))),
-    (((10.0, 90.0),), (30.0, 50.0), -1.0, ((10.0, 30.0), (50.0, 90.0))),
-    (((10.0, 20.0), (25.0, 90.0)), (30.0, 50.0), -1.0, ((10.0, 20.0), (25.0, 30.0), (50.0, 90.0))),
-]
-
-
-@pytest.mark.parametrize("there, more, sign, after", SETS)
-def test_an_interval_is_added_or_cut_out_of_another(there, more, sign, after):
-    assert windows._with(there, more, sign) == after
-
-
-def test_two_intervals_are_two_blocks_apart_and_a_hole_two_from_the_ends():
-    times = np.array([[0.0, 20.0], [0.0, 30.0], [60.0, 80.0], [80.0, 100.0], [90.0, 100.0], [50.0, 60.0]])
-    gates = windows._Gates(times, np.zeros((6, 1)), np.zeros(6))
-    (sign, beside), (hole_sign, holes) = windows._allowed(gates, ((40.0, 70.0),))
-    assert (sign, beside.tolist()) == (1.0, [True, False, False, False, True, False])
-    assert hole_sign == -1.0 and not holes.any()
-    (_, everywhere), (_, holes) = [
-        next(iter(windows._allowed(gates, ()))),
-        list(windows._allowed(gates, ((30.0, 100.0),)))[1],
-    ]
-    assert everywhere.all() and holes.tolist() == [False, False, True, False, False, True]
-
-
-@pytest.mark.parametrize("other, alike", [
-    (((10.0, 40.0),), True), (((24.0, 26.0),), True), (((24.0, 56.0),), False), (((26.0, 40.0),), False), ((), False),
-])  # fmt: skip
-def test_times_less_than_a_quarter_of_a_minute_apart_lead_to_one_fit(other, alike):
-    assert windows._alike(((10.0, 40.0),), other) is alike
-    assert windows._alike(((10.0, np.inf),), ((24.0, np.inf),)) and windows._alike((), ())
-
-
-def test_sizes_of_an_event_are_tried_by_factors_of_two_four_times_beyond_its_starts():
-    (force,) = [p for p in SideForce.declared if p.name == "force_kN"]
-    grid = np.unique(windows._grid(SideForce(SHIP))[:, SideForce.declared.index(force)])
-    sizes = grid[grid > 0]
-    starts = np.abs(force.starts)
-    assert sizes[0] == approx(starts.min() / 4) and sizes[-1] == approx(min(4 * starts.max(), force.high))
-    assert (sizes[1:] / sizes[:-1] < 2.2).all() and (sizes[1:-1] / sizes[:-2] > 1.8).all()
-    assert not np.isinf(windows._grid(WindOnset(SHIP))[:, 0]).any()
-
-
-def test_main_courses_leave_out_a_hundredth_of_the_squared_forces():
-    """Two courses alike but for a share of e have eigenvalues 2 - e^2/2 and e^2/2 of 2."""
-    for e, kept in ((0.19, 1), (0.21, 2)):
-        base, other = np.zeros((2, 400))
-        base[0], other[1] = 1.0, 1.0
-        second = np.sqrt(1 - e**2 + e**4 / 4) * base + e * np.sqrt(1 - e**2 / 4) * other  # correlation 1 - e^2/2
-        moved = np.zeros((400, 6, 2))
-        moved[:, 1, 0], moved[:, 1, 1] = base, second
-        courses, shares = windows._main_courses(moved, np.ones(3))
-        assert courses.shape[-1] == kept
-        assert kept == 1 or courses @ shares.T == approx(moved)
 
 
 # What to sail next ---------------------------------------------------------------------------------------------------

@@ -8,12 +8,12 @@ import torch
 from pytest import approx
 from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, sailed, values
 
-from manoeuvre_nn.diagnosis import windows
+from manoeuvre_nn.diagnosis import event_blocks
 from manoeuvre_nn.diagnosis.fits import single
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
 from manoeuvre_nn.diagnosis.locate import Shape, changes, residuals
 from manoeuvre_nn.diagnosis.search import search
-from manoeuvre_nn.diagnosis.windows import best_windows
+from manoeuvre_nn.diagnosis.windows import EventGrid
 from manoeuvre_nn.effect.current import Current, TidalCurrent
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind, WindOnset
@@ -53,7 +53,7 @@ def gusty() -> tuple[WhitenedDataSet, float]:
 def test_the_window_of_a_force_is_found_to_a_block_and_by_the_fit_to_five_seconds():
     likelihood = MarginalLikelihood(stand("push"))
     none = likelihood.evaluate(NONE)
-    first = next(best_windows(likelihood, PUSH, *none.best))
+    first = next(EventGrid(likelihood, PUSH).best_windows(*none.best))
     assert first[:, 2:4] == approx(np.tile([83.0, 157.0], (2, 1)), abs=12.0)
     assert (first[:, 0] > 50.0).all(), "its side and size"
 
@@ -106,8 +106,14 @@ def test_an_event_is_looked_for_in_what_another_effect_leaves():
     likelihood = MarginalLikelihood(whitened_data_set(CALM, runs([CIRCLE, ZIGZAG], [PUSH, drift])))
     given = Hypothesis((drift,), (values(drift, 2),))
     level = likelihood.evaluate(NONE).best
-    found = next(best_windows(likelihood, PUSH, *level, given))
+    grid = EventGrid(likelihood, PUSH)
+    alone, found = (next(grid.best_windows(*level, there)) for there in (None, given))
     assert found[:, 2:4] == approx(np.tile([83.0, 157.0], (2, 1)), abs=12.0)
+    assert found[:, 2:4] != approx(alone[:, 2:4], abs=1.0)
+    louder = likelihood.data_set.levels.point(4, 4), level[1]
+    for noise in (level, louder):  # what was made before for other noise and other company changes nothing
+        anew = next(EventGrid(likelihood, PUSH).best_windows(*noise, given))
+        assert next(grid.best_windows(*noise, given)) == approx(anew, rel=1e-9)
 
 
 @pytest.mark.parametrize("sides, told", [((-2.0, -2.2), "even"), ((2.0, -1.8), "odd"), ((0.1, 3.0), "mixed"), ((), "")])
@@ -170,7 +176,7 @@ def test_what_a_stream_or_a_sensor_does_is_no_force():
 
 
 def test_what_acts_throughout_began_long_before_any_ramp():
-    assert windows.ALWAYS < -10 * max(windows.LONG_RAMPS)
+    assert event_blocks.ALWAYS < -10 * max(event_blocks.LONG_RAMPS)
 
 
 def test_a_markov_course_has_its_covariance_and_is_integrated_out_as_any_columns_are():

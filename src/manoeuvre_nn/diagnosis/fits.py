@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.diagnosis.windows import best_windows, replaced
+from manoeuvre_nn.diagnosis.windows import EventGrid, replaced
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
@@ -58,7 +58,7 @@ def _starts(likelihood: MarginalLikelihood, effect: Effect, level: int, scatter:
     """All starts, of many the two most promising by what a linear step from each would gain; windows of an event."""
     data_set = likelihood.data_set
     if effect.timed:
-        events = best_windows(likelihood, effect, level, scatter)
+        events = EventGrid(likelihood, effect).best_windows(level, scatter)
         return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in events]
     grid = np.array(list(product(*[(p.null,) if p.form else p.starts for p in effect.declared])), dtype=float)
     made = np.tile(grid[:, None], (1, len(data_set.runs), 1))

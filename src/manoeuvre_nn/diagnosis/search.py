@@ -11,7 +11,7 @@ import numpy as np
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL, at_rest, fitted_at_rest, refine, single
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
-from manoeuvre_nn.diagnosis.windows import best_windows
+from manoeuvre_nn.diagnosis.windows import EventGrid
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
@@ -263,11 +263,12 @@ def _extended(
                 firsts.append(first)
 
     def screen(second: FittedHypothesis, firsts: list[FittedHypothesis]) -> list[tuple[float, int, Hypothesis]]:
-        starts = [second.hypothesis, *_elsewhere(second.hypothesis, anew)]
+        starts, (effect,) = [second.hypothesis, *_elsewhere(second.hypothesis, anew)], second.hypothesis.effects
+        grid = EventGrid(likelihood, effect) if effect.timed and firsts else None
         return [
             (likelihood.pair_evidence(first.hypothesis, partner, *first.best), k, partner)
             for k, first in enumerate(firsts)
-            for partner in _restarts(likelihood, first, starts)
+            for partner in (starts if grid is None else _restarts(grid, first, second.hypothesis))
         ]
 
     # By partners: what of one is whitened serves all that it is tried beside.
@@ -288,13 +289,10 @@ def _extended(
         yield pair
 
 
-def _restarts(likelihood: MarginalLikelihood, first: FittedHypothesis, starts: list[Hypothesis]) -> list[Hypothesis]:
-    """Where a partner may stand beside another effect: as alone, turned, or as an event where that one leaves it."""
-    (effect,) = starts[0].effects
-    if not effect.timed:
-        return starts
-    events = best_windows(likelihood, effect, *first.best, first.hypothesis)
-    return [starts[0], *(replace(starts[0], values=(values,)) for values in events)]
+def _restarts(grid: EventGrid, first: FittedHypothesis, alone: Hypothesis) -> list[Hypothesis]:
+    """When an event may act beside another effect: as alone, or when that one leaves it."""
+    events = grid.best_windows(*first.best, first.hypothesis)
+    return [alone, *(replace(alone, values=(values,)) for values in events)]
 
 
 def _elsewhere(alone: Hypothesis, anew: bool) -> Iterator[Hypothesis]:

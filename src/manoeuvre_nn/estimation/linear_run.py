@@ -110,7 +110,8 @@ class WeightedColumns:
         if other not in self._products:
             made = np.zeros((self.pull.shape[1], other.pull.shape[1]))
             for mine, others in zip(self.rows, other.rows, strict=True):
-                made[np.ix_(mine.at, others.at)] += mine.values.T @ others.values
+                if len(mine.at) and len(others.at):
+                    made[np.ix_(mine.at, others.at)] += mine.values.T @ others.values
             self._products[other] = made
         return self._products[other]
 
@@ -215,6 +216,11 @@ class RunEquations:
         return prior + noise + float(np.log(self.units).sum()) * len(self.observed)
 
     @cached_property
+    def _sharpness(self) -> Float[np.ndarray, "nc 1"]:
+        """One over the standard deviation of each sample's noise."""
+        return np.sqrt(self.precision).reshape(-1, 1)
+
+    @cached_property
     def _seen(self) -> Float[np.ndarray, "n c s"]:
         """Derivatives of the samples in units of their noise."""
         return np.sqrt(self.precision)[..., None] * self.observed * self.units
@@ -256,7 +262,7 @@ class RunEquations:
         if c not in self._weighted:
             samples, steps, root = self._equations
             (seen, shows), (pushed, moves) = _entering(c.measured), _entering(c.moved)
-            rows = [_Rows(np.sqrt(self.precision).reshape(-1, 1) * seen, shows), _Rows(-(root @ pushed), moves)]
+            rows = [_Rows(self._sharpness * seen, shows), _Rows(-(root @ pushed), moves)]
             pull = np.zeros((len(self.observed) * len(self.start), c.count), order="F")  # as LAPACK has it
             for equations, (values, at) in zip((samples, steps), rows, strict=True):
                 pull[:, at] += equations @ values
@@ -270,7 +276,8 @@ class RunEquations:
 def _entering(part: Float[np.ndarray, "n k p"]) -> tuple[Float[np.ndarray, "nk q"], Int[np.ndarray, " q"]]:
     """Columns that are not 0 throughout, the samples below each other, and which they are."""
     at = np.flatnonzero(part.any(axis=(0, 1)))
-    return part[..., at].reshape(int(np.prod(part.shape[:-1])), len(at)), at
+    kept = part if len(at) == part.shape[-1] else part[..., at]
+    return kept.reshape(int(np.prod(part.shape[:-1])), len(at)), at
 
 
 def _bands(blocks: Float[np.ndarray, "n a b"], below: int | None = None) -> sparse.csr_array:
