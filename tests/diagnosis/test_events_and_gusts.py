@@ -110,10 +110,13 @@ def test_an_event_is_looked_for_in_what_another_effect_leaves():
     alone, found = (next(grid.best_windows(*level, there)) for there in (None, given))
     assert found[:, 2:4] == approx(np.tile([83.0, 157.0], (2, 1)), abs=12.0)
     assert found[:, 2:4] != approx(alone[:, 2:4], abs=1.0)
-    louder = likelihood.data_set.levels.point(4, 4), level[1]
-    for noise in (level, louder):  # what was made before for other noise and other company changes nothing
-        anew = next(EventGrid(likelihood, PUSH).best_windows(*noise, given))
-        assert next(grid.best_windows(*noise, given)) == approx(anew, rel=1e-9)
+    # What was made before, for other company or other noise, changes nothing.
+    assert found == approx(next(EventGrid(likelihood, PUSH).best_windows(*level, given)), rel=1e-9)
+    cut = event_blocks.cut_into_blocks(likelihood.data_set, 0, PUSH, values(PUSH, 1))
+    for noise in (0, likelihood.start_level):
+        white = likelihood.data_set.at(noise).white[0]
+        anew = white.embed(cut.columns)
+        assert cut.at(noise, white)[1] == approx(anew.dot(anew), rel=1e-9)
 
 
 @pytest.mark.parametrize("sides, told", [((-2.0, -2.2), "even"), ((2.0, -1.8), "odd"), ((0.1, 3.0), "mixed"), ((), "")])
