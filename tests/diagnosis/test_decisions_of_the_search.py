@@ -277,7 +277,8 @@ PROVED = [  # effects, model was fitted, gain in fitted runs, in held-out ones, 
     (("current",), False, 30.0, -4.8, 1.0, True),
     (("current",), False, 30.0, -5.2, 1.0, False),
     (("current",), False, 30.0, 9.0, 1.04, True),
-    (("current",), False, 30.0, 9.0, 1.06, False),
+    (("current",), False, 30.0, 7.5, 1.06, False),
+    (("current",), False, 30.0, 8.5, 1.06, True),  # enough for an alarm by itself, whatever free runs do
     (("current",), True, 30.0, 2.8, 1.0, False),  # the errors of a fitted model may look like an effect
     (("current",), True, 30.0, 3.2, 1.0, True),
     (("current",), True, 30.0, 9.2, 1.01, False),  # nor may free runs of it get worse
@@ -326,10 +327,12 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(
         "is_fitted": lambda dynamics: trained, "_cost": lambda question, errors: errors[0]["cost"],
         "_last_effect_helps": lambda question, claim, *_: claim.names not in surplus,
         "labels": lambda j: "", "_unit": lambda question: "",
-        "repaired_check": lambda *_: SAILED,
+        "repaired_check": lambda _, tried, j, there: replace(
+            SAILED, passed=j.names != claims[0].names or REPAIRED_SAILS not in poor
+        ),
     }.items():  # fmt: skip
         monkeypatch.setattr(proving, name, made)
-    failed = {claims[0].names: [Check(name, False, "") for name in poor]}
+    failed = {claims[0].names: [Check(name, False, "") for name in poor if name != REPAIRED_SAILS]}
     monkeypatch.setattr(proving.checking, "checks", lambda _, j: failed.get(j.names, []))
     return proving._proved(
         Mock(workers=1, case=Mock(held_out=[1])), SimpleNamespace(likelihood=Mock(), none=none), claims
@@ -376,5 +379,20 @@ def test_where_fewer_effects_do_as_well_these_are_asked_before_rivals_with_as_ma
 @pytest.mark.parametrize("alone, corrected, after", [(1.0, 3.0, 1.0), (1.0, 2.05, 2.05), (3.5, 3.0, None)])
 def test_an_effect_is_not_refuted_by_coefficients_that_do_not_hold_in_other_runs(monkeypatch, alone, corrected, after):
     claim = fit(120.0, "current")
-    found, proofs, _ = proved(monkeypatch, [claim], {("current",): 40.0}, {("current",): (alone, corrected)})
+    found, proofs, _ = proved(monkeypatch, [claim], {("current",): 7.0}, {("current",): (alone, corrected)})
     assert (found.names, proofs[0].rmse_after["cost"]) == ((("current",), after) if after else ((), 2.0))
+
+
+@pytest.mark.parametrize("poor, formula, trained, named", [
+    ((), -3.0, False, True), ((REPAIRED_SAILS,), -3.0, False, False), ((), 3.0, False, False), ((), -3.0, True, False)
+])  # fmt: skip
+def test_where_free_runs_stray_what_sails_the_held_out_runs_and_is_likeliest_is_named(
+    monkeypatch, poor, formula, trained, named
+):
+    """Twice as far, with 20 in log evidence of the held-out runs; a formula that strays as far has less or more."""
+    claims, strayed = [fit(120.0, "wind_gusty"), fit(120.0 + formula, "formula")], (4.0, 4.0)
+    gains, errors = dict.fromkeys([c.names for c in claims], 20.0), dict.fromkeys([c.names for c in claims], strayed)
+    found, proofs, checks = proved(monkeypatch, claims, gains, errors, trained, poor=poor)
+    assert (found.names, checks[0].passed) == ((("wind_gusty",), True) if named else ((), False))
+    assert proofs[0].rmse_after["cost"] == (4.0 if named else 2.0)
+    assert ("would raise an alarm" in checks[0].text) == named and not checks[1].passed

@@ -135,12 +135,13 @@ def _gain(proofs: Sequence[Proof], what: str, seen: bool = False) -> str:
     )
     if seen and f"{before:.2g}" == f"{after:.2g}":
         return ""
+    closer = after <= before
     before, after, *alone = (three_digits(value) for value in (before, after, *alone))
     told = f" ({alone[0]} {unit} with published coefficients)" if alone and alone[0] != after else ""
-    return (
-        f"; with {what} the predicted {curve} of runs that were not used is {after} {unit} off{told} instead of "
-        f"{before} {unit}"
-    )
+    unused = f"the predicted {curve} of runs that were not used is"
+    if not closer and after != before:
+        return f"; {unused} no closer with {what} ({after} {unit} off{told} instead of {before} {unit}): see the checks"
+    return f"; with {what} {unused} {after} {unit} off{told} instead of {before} {unit}"
 
 
 def _values(cause: Cause) -> str:
