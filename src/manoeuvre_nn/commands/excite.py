@@ -142,11 +142,11 @@ def question_of(cfg: DictConfig) -> _Question:
         refused,
         DesignEffort(**{"seed": cfg.seed, **cfg.effort}),
         cfg.per_minute,
-        _typed(cfg, speed),
+        _as_options(cfg, speed),
     )
 
 
-def _typed(cfg: DictConfig, speed: float | None) -> dict[str, str]:
+def _as_options(cfg: DictConfig, speed: float | None) -> dict[str, str]:
     """How candidates are typed for other commands whose names are not those of options."""
     own, found = cfg.get("config_dir"), dict[str, str]()
     for entry in configs.as_list(cfg.candidates):
