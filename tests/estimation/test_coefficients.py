@@ -68,6 +68,9 @@ def test_symbols_are_those_of_the_literature(output, term, form, expected):
 def test_a_series_about_the_approach_is_known_by_its_variables():
     assert form_of(["1", "a v", "v v v", "wy |w|"]) == TAYLOR
     assert form_of(["u v", "v |v|"]) == PLAIN
+    every = "d v a r 1"
+    assert form_of([every]) == TAYLOR and form_of([f"{every} n"]) == PLAIN, "a product may have all of them"
+    assert symbol(1, every, TAYLOR) == "Y_0uvrd"
 
 
 def test_derivatives_are_factors_times_the_factorials():
@@ -85,6 +88,25 @@ def test_a_word_says_how_far_the_recordings_narrowed_a_coefficient():
     assert list(rows["word"]) == ["measured", "partly", "prior"]
     assert list(rows["learnt"]) == approx([0.9, 0.5, 0.025], abs=5e-4)
     assert (rows["low"][0], rows["high"][0]) == approx((3 - 0.196, 3 + 0.196))
+
+
+@pytest.mark.parametrize("left, word", [
+    (0.24, "measured"), (0.25, "measured"), (0.26, "partly"), (0.895, "partly"), (0.905, "prior"), (1.2, "prior"),
+])  # fmt: skip
+def test_an_error_that_is_a_quarter_of_what_it_was_is_measured_and_one_of_nine_tenths_partly(left, word):
+    (row,) = coefficient_table(fitted([(1, "v")], covariance=[[(2 * left) ** 2]], spread=[2.0])).itertuples()
+    assert row.word == word and row.learnt == approx(max(1 - left, 0.0))
+
+
+def test_errors_correlated_by_ninety_nine_hundredths_are_not_yet_beyond_it():
+    names, covariance = [(1, "v"), (1, "r")], np.array([[1.0, 0.99], [0.99, 1.0]])
+    table = coefficient_table(fitted(names, covariance=covariance, spread=[10.0, 10.0]))
+    assert list(table["word"]) == 2 * ["measured"] and list(table["with"]) == [(), ()]
+
+
+def test_a_coefficient_that_is_known_exactly_can_be_taken_up():
+    stored = fitted(covariance=[[0.0, 0.0], [0.0, 1e-4]]).as_dict()
+    assert fitted_from(stored).errors.tolist() == [0.0, 1e-2]
 
 
 def test_a_coefficient_whose_error_is_that_of_another_is_not_measured_by_itself():
@@ -142,6 +164,9 @@ def test_a_damaged_file_of_coefficients_is_refused_in_one_line():
         ("inertia", [[1, 0, 0], [0, 1, 0], [0, "inf", 1]]),
         ("inertia", [[1, 0, 0], [0, 1, 2], [0, 1, 1]]),
         ("inertia", [[-1, 0, 0], [0, 1, 0], [0, 0, 1]]),
+        ("inertia", [[0, 0, 0], [0, 1, 0], [0, 0, 1]]),
+        ("inertia", [[1, 0, 0], [0, 0, 1], [0, -1, 1]]),
+        ("inertia", [[1, 0, 0], [0, 1, 1], [0, 1, 1]]),  # sways and turns at once without energy
         ("covariance", [[-1, 0], [0, 1]]),
         ("spread", [0, 1]),
         ("names", [[0, "u"], [10**30, "v"]]),
