@@ -177,3 +177,11 @@ def test_the_last_of_several_effects_must_add_six_in_fitted_and_held_out_runs_to
     monkeypatch.setattr(diagnosing, "in_held_out_runs", lambda question, j: there[j.names])
     claims = [three, *parts] if best_part else [three, parts[2]]
     assert diagnosing._last_effect_helps(Mock(), three, 10.0, claims) is helps
+
+
+@pytest.mark.parametrize("degrees, moved", [(1.0, False), (2.0, True)])
+def test_an_indicator_of_whole_degrees_that_flickers_between_two_of_them_shows_no_rudder_that_moves(degrees, moved):
+    run = run_of(sailed([CIRCLE])[0].between(0.0, 5.0), derived=())
+    run = run.with_channels(delta=degrees * DEGREE * (np.arange(len(run)) % 2))
+    said = case._undecided(Mock(runs=[run, run], fitted=[run], planned=[], held_out=[run]))
+    assert any(line.startswith("The rudder never moved") for line in said) is not moved
