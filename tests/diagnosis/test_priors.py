@@ -5,13 +5,14 @@ import pytest
 import torch
 from fleet import unchecked
 from pytest import approx
-from trials import CALM, CIRCLE, NOISE, SHIP, ZIGZAG, run_of, runs
+from trials import CALM, CIRCLE, NOISE, SHIP, ZIGZAG, run_of, runs, values
 
 from manoeuvre_nn.diagnosis.advise import apart
 from manoeuvre_nn.diagnosis.fits import single
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.propulsion import ThrustLoss
 from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation import marginal_likelihood as under_test
@@ -63,6 +64,20 @@ def test_a_speed_below_zero_is_one_toward_the_opposite():
     there = Hypothesis((Current(SHIP),), (np.array([[0.3, 40.0]]),))
     moved = under_test._limited(there, np.array([-0.8, 0.0])).vector()
     assert moved == approx([0.5, 220.0])
+
+
+def test_a_step_turns_a_direction_by_45_deg_moves_a_time_by_a_minute_and_other_numbers_by_one_and_a_half_usual_sizes():
+    """What goes furthest beyond holds all of the step back."""
+    current = Hypothesis((Current(SHIP),), (np.array([[0.3, 40.0]]),))
+    assert under_test._limited(current, np.array([0.0, 90.0])).vector() == approx([0.3, 85.0])
+    assert under_test._limited(current, np.array([0.1, -180.0])).vector() == approx([0.3 + 0.1 / 4, 355.0])
+    offset = Hypothesis((RudderOffset(SHIP),), (np.array([[0.2]]),))
+    assert under_test._limited(offset, np.array([9.0])).vector() == approx([0.2 + 1.5 * 1.5]), "usual are 1.5 deg"
+    loss = Hypothesis((ThrustLoss(SHIP),), (values(ThrustLoss(SHIP)),))
+    begins = ThrustLoss(SHIP).timed[0]
+    loss.values[0][0, begins] = 300.0
+    step = np.where(loss.vector() == 300.0, 100.0, 0.0)
+    assert under_test._limited(loss, step).values[0][0, begins] == approx(360.0)
 
 
 def test_standard_errors_hold_over_levels_of_noise():
