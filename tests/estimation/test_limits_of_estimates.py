@@ -6,16 +6,32 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from fleet import unchecked
+import torch
+from fleet import ship_named, unchecked
 from pytest import approx
 from scipy.stats import norm
 
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.estimation import agreement, closed_loop, hypothesis, prime_recordings, record_information
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.effect.common import TIGHT_TURN
+from manoeuvre_nn.estimation import (
+    agreement,
+    closed_loop,
+    hypothesis,
+    linear_motion,
+    marginal_likelihood,
+    prime_recordings,
+    record_information,
+    relinearise,
+)
 from manoeuvre_nn.estimation import smoothed_run as smoothing
 from manoeuvre_nn.estimation.captive_fit import compare
 from manoeuvre_nn.estimation.coefficients import Fitted
+from manoeuvre_nn.estimation.corrections import Corrections
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.measurement_noise import measured_noise
+from manoeuvre_nn.estimation.prepared_run import samples_a_state
 
 
 @pytest.fixture(autouse=True)
@@ -153,11 +169,12 @@ def test_a_step_of_the_velocities_is_held_within_half_of_the_mean_speed(step, sh
     assert smoothing.step_share(track, np.zeros((9, 9))) == 1.0
 
 
-@pytest.mark.parametrize("off, step", [(0.009, 0.1), (0.011, 0.0)])
+@pytest.mark.parametrize("off, step", [(0.0095, 0.1), (0.0105, 0.0)])
 def test_a_channel_was_rounded_where_its_values_are_whole_steps_to_a_hundredth(off, step):
     values = 0.1 * np.array([0.0, 1.0, 3.0, 3.0, 6.0, np.nan])
     values[4] += 0.1 * off
     assert smoothing.rounding_step(values[:, None]) == approx([step])
+    assert smoothing.rounding_step(values[:2, None]) == [0.0], "two values tell of no step"
 
 
 # Priors of events ----------------------------------------------------------------------------------------------------
@@ -213,6 +230,83 @@ def test_estimates_are_told_apart_up_to_a_correlation_of_nineteen_twentieths(cor
         ["Y_v", "Y_r", "Y_0"], covariance * np.outer(errors, errors), errors, ["v", "r", "0"]
     )
     assert pairs == ([] if apart else [("Y_v", "Y_r", approx(correlation))])
+
+
+@pytest.mark.parametrize("starboard, port, said", [
+    (100, 0, "a turn to starboard"), (98, 2, "a turn to starboard"), (97, 3, "open to which side: 97 %"),
+    (3, 97, "open to which side: 3 %"), (2, 98, "a turn to port, against the rudder"), (0, 1, "a turn to port"),
+    (39, 1, "open to which side"), (1, 39, "open to which side"),
+])  # fmt: skip
+def test_to_which_side_a_ship_turns_is_told_where_all_but_a_fortieth_of_what_may_be_turns_there(starboard, port, said):
+    (told,) = linear_motion._side(np.repeat([0.4, -0.4], [starboard, port]))
+    assert told.startswith(said) and linear_motion._side(np.zeros(0)) == []
+
+
+def test_a_term_that_a_published_set_lacks_may_do_six_tenths_of_what_the_rudder_does_in_a_tight_turn():
+    """In sway and yaw; in surge six tenths of half of what slows the ship down there."""
+    ship = ship_named("mariner")
+    p, dynamics = ship.particulars, CalmWater(ship)
+    turn = torch.tensor([1 - TIGHT_TURN["u"], -TIGHT_TURN["v"], TIGHT_TURN["r"]], dtype=torch.float64)
+    turn = turn * torch.tensor([p.speed, p.speed, p.speed / p.length])
+    rudder = torch.tensor(TIGHT_TURN["d"], dtype=torch.float64)
+    corrections = Corrections(dynamics)
+    there, calm, without = (f(turn, d) for f, d in (
+        (corrections, rudder), (dynamics.hull.acceleration, rudder), (dynamics.hull.acceleration, 0 * rudder)
+    ))  # fmt: skip
+    allowed = [0.5 * abs(calm[0]), *abs(calm - without)[1:]]
+    sizes = {name: abs(row["XYN".index(name[0])]) for name, row in zip(corrections.names, there, strict=True)
+             if "+" in name}  # fmt: skip
+    assert len(sizes) > 40
+    assert all(float(size) == approx(0.6 * float(allowed["XYN".index(name[0])])) for name, size in sizes.items())
+
+
+def test_errors_of_coefficients_are_tried_from_any_arm_to_nearly_known_ones_and_missing_terms_over_a_factor_of_ten():
+    coupling, missing = (sorted(set(column)) for column in zip(*relinearise.COEFFICIENT_PRIORS, strict=True))
+    assert coupling == approx(np.linspace(0.0, 0.9, 4)) and len(relinearise.COEFFICIENT_PRIORS) == 12
+    smallest, usual, largest = missing
+    assert usual == 1.0 and smallest * largest == approx(0.9, rel=0.01) and largest / smallest == approx(10.0)
+
+
+# Levels, states and rudders ------------------------------------------------------------------------------------------
+
+
+def test_a_level_of_noise_counts_that_is_a_hundredth_as_likely_as_the_best():
+    weights = np.log([[1.0, 0.0105], [0.0095, 0.5]]) + 7.0
+    assert marginal_likelihood._weighty(weights) == [(0, 0), (0, 1), (1, 1)]
+
+
+@pytest.mark.parametrize("apart, same", [(0.95, True), (1.05, False)])
+def test_corrections_tell_two_rudder_angles_apart_that_differ_by_a_degree_in_one_of_the_runs(apart, same):
+    """Root mean square about their mean; what was made for other angles before is kept."""
+    flat, way = np.zeros(100), apart * DEGREE * np.tile([1.0, -1.0], 50)
+    angles = [flat + 0.3, way]  # the same but for a constant in the first run
+    here = Mock(runs=[SimpleNamespace(linearised=SimpleNamespace(indicated=flat))] * 2)
+    here._by_rudder = {b"".join(a.tobytes() for a in angles): "made before"}
+    assert WhitenedDataSet.with_rudders(here, angles) == (here if same else "made before")
+
+
+@pytest.mark.parametrize("pace, interval, count", [
+    (30.0, 1.0, 2), (30.0, 0.5, 4), (30.0, 2.5, 1), (10.0, 0.1, 10), (10.0, 0.5, 2), (19.0, 0.1, 19), (22.0, 0.1, 20),
+])  # fmt: skip
+def test_samples_are_averaged_over_a_tenth_of_a_ship_length_and_two_seconds_at_most(pace, interval, count):
+    ship = Mock(time_unit=pace, sized=lambda values, powers: np.array(values))
+    assert samples_a_state(Mock(particulars=ship, own_names=()), interval) == count
+    assert samples_a_state(Mock(particulars=ship, own_names=("phi", "p")), interval) == 1
+
+
+@pytest.mark.parametrize("push, sails", [(7.9, True), (8.1, False), (-8.1, False), (np.inf, False)])
+def test_a_ship_that_a_radian_of_rudder_pushes_by_all_her_speed_in_a_step_is_none(push, sails):
+    pushed, transition = np.zeros((5, 6)), np.zeros((5, 9, 9))
+    pushed[2, 1], pushed[:, 2] = push, 99.0  # of u and v alone
+    assert relinearise._sails(Mock(transition=transition, rudder_push=pushed), 8.0) is sails
+    assert not relinearise._sails(Mock(transition=np.full((5, 9, 9), np.nan), rudder_push=np.zeros((5, 6))), 8.0)
+
+
+def test_errors_are_added_up_over_a_little_less_than_thirty_samples():
+    """Three tenths of the variance wander for thousands of samples: 1 + 2 times .3 a lag."""
+    slow = np.sqrt(2 * 3 / 7) * np.cos(2 * np.pi * np.arange(40_000) / 8000)
+    found = smoothing._long_run((np.random.default_rng(0).standard_normal(40_000) + slow)[:, None])
+    assert found == approx([1 + 2 * 0.3 * 29], rel=0.015)
 
 
 # Recordings of ships that go ahead -----------------------------------------------------------------------------------
