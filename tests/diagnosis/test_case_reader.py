@@ -322,6 +322,7 @@ def test_a_ship_takes_what_the_manifest_says_and_keeps_the_rest():
         ({"particulars": [1, 2]}, "particulars is [1, 2]; expected an object of numbers"),
         ({"particulars": {"length": 160}}, "expected an object of numbers such as length_m"),
         ({"warmup_s": 1e30}, "warmup_s is 1e+30; expected a number more than 0"),
+        ({"warmup_s": 1e9}, "warmup_s is 1000000000.0; expected a number more than 0"),
         ({"wind_areas": {"lateral_centroid_fwd_of_midship_m": True}}, "is True; expected a number"),
         ({"warmup_s": None}, "warmup_s is None; expected a number more than 0"),
         ({"warmup_s": 200}, "too short to be held out with a warm-up of 200 s"),

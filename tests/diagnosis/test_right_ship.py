@@ -53,6 +53,24 @@ def test_unusual_coefficients_are_weighed_against_all_that_may_act_on_the_named_
     assert gain(calm, still_off) > 30, "an effect that leaves the coefficients what they were"
 
 
+def test_the_two_best_of_each_account_are_looked_at_with_all_process_noise_and_calm_water(monkeypatch):
+    monkeypatch.setattr(
+        _Accounts, "_unusual", lambda self, j: np.append(self._evidence(j, slice(-1, None)), [-np.inf] * 3)
+    )
+    seen = []
+    monkeypatch.setattr(_Accounts, "_everywhere", lambda self, j: (seen.append(j.names), j)[1])
+    usual = {"current": 50.0, "log_scale": 40.0, "heading_bias": 30.0, "rudder_offset": 20.0}
+    other = {"current": -10.0, "log_scale": -20.0, "heading_bias": 60.0, "rudder_offset": 0.0}
+    named = [explaining(name, usual=usual[name], other=other[name]) for name in usual]
+    calm = explaining(usual=-90.0, other=-90.0)
+    _Accounts(SearchResult(calm, named, SimpleNamespace(data_set=DATA_SET)), None).completed()
+    assert sorted(seen) == [(), ("current",), ("heading_bias",), ("log_scale",), ("rudder_offset",)]
+    seen.clear()
+    third = explaining("heading_bias", usual=30.0, other=-30.0)
+    _Accounts(SearchResult(calm, [*named[:2], third], SimpleNamespace(data_set=DATA_SET)), None).completed()
+    assert sorted(seen) == [(), ("current",), ("log_scale",)]
+
+
 def test_evidence_at_other_scales_of_the_prior_is_that_of_a_posterior_made_at_them():
     rng = np.random.default_rng(5)
     columns, scales = rng.standard_normal((40, 7)), np.array([0.05, 0.5, 2.0])

@@ -12,6 +12,7 @@ from scipy.optimize import brentq
 from searches import fitted
 from trials import CIRCLE, SHIP, run_of, sailed
 
+from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis import advise, case, forecast, formula, predictive, proof, windows
 from manoeuvre_nn.diagnosis import diagnose as diagnosing
@@ -179,9 +180,21 @@ def test_the_last_of_several_effects_must_add_six_in_fitted_and_held_out_runs_to
     assert diagnosing._last_effect_helps(Mock(), three, 10.0, claims) is helps
 
 
-@pytest.mark.parametrize("degrees, moved", [(1.0, False), (2.0, True)])
-def test_an_indicator_of_whole_degrees_that_flickers_between_two_of_them_shows_no_rudder_that_moves(degrees, moved):
+@pytest.mark.parametrize("degrees, moved", [(1.0, False), (1.05, True)])
+def test_an_indicator_that_flickers_between_two_neighbouring_whole_degrees_shows_no_rudder_that_moves(degrees, moved):
     run = run_of(sailed([CIRCLE])[0].between(0.0, 5.0), derived=())
     run = run.with_channels(delta=degrees * DEGREE * (np.arange(len(run)) % 2))
     said = case._undecided(Mock(runs=[run, run], fitted=[run], planned=[], held_out=[run]))
     assert any(line.startswith("The rudder never moved") for line in said) is not moved
+
+
+@pytest.mark.parametrize("ends, long_enough", [(59.0, False), (60.0, True), (61.0, True)])
+def test_a_run_of_a_minute_can_be_held_out_with_a_warm_up_of_forty_seconds(ends, long_enough):
+    """Half as long again as its warm-up."""
+    run = Mock(time=np.array([0.0, ends]))
+    run.name = "zigzag"
+    if long_enough:
+        case._check_split([run], {"zigzag": True, "circle": False}, 40.0)
+    else:
+        with pytest.raises(InputError, match="zigzag ends after 59 s: too short to be held out"):
+            case._check_split([run], {"zigzag": True, "circle": False}, 40.0)

@@ -91,8 +91,8 @@ FORMULAS = [  # terms, memory [L/U0], whether a calm-water model could have them
     (["Y v|v|"], None, True),
     (["N r|r| cos psi"], None, False),
     (["Y v|v|", "N r|r| cos psi"], None, False),
-    (["Y lag d"], 0.45, True),
-    (["Y lag d"], 0.55, False),
+    (["Y lag d"], 0.48, True),
+    (["Y lag d"], 0.52, False),
 ]
 
 
