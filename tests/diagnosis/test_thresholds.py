@@ -40,6 +40,23 @@ def test_the_alarm_is_what_the_best_of_all_candidates_exceeds_in_one_of_a_hundre
     assert alarm.threshold(found(*[fitted(0.0, "current")] * candidates, pair)) == approx(expected, abs=0.06)
 
 
+@pytest.mark.parametrize("sd", [0.05, 0.5])
+def test_what_coefficients_may_explain_as_far_as_they_are_known_is_no_information_on_an_effect(monkeypatch, sd):
+    """One coefficient and one number of an effect: ``g_ee - g_ce^2 / (g_cc + sd^-2)``."""
+    gram = np.zeros((4, 4))  # of data, coefficient, effect and its number
+    gram[1, 1], gram[3, 3], gram[1, 3] = 40.0, 30.0, 25.0
+    gram[3, 1] = gram[1, 3]
+    data_set = SimpleNamespace(size=2, runs=[None], embedded=lambda *_: None, gram=lambda *_: gram)
+    data_set.nuisance_sd = lambda scatter, runs: np.array([sd])
+    lin = SimpleNamespace(columns=None, index=None, count=2)
+    likelihood = SimpleNamespace(data_set=data_set, columns=lambda hypothesis: lin)
+    number = SimpleNamespace(mean=lambda value: 0.0, prior_sd=lambda mean: 3.0)
+    effect = SimpleNamespace(unknowns=lambda: [number], vector=lambda: [1.0])
+    result = SimpleNamespace(none=SimpleNamespace(best=(0, 0)), likelihood=likelihood)
+    information, spread = alarm._information(result, effect)
+    assert (information, spread) == (approx(np.array([[30.0 - 25.0**2 / (40.0 + sd**-2)]])), approx([3.0]))
+
+
 def test_enough_clean_sets_are_drawn_for_the_share_that_may_raise_an_alarm():
     """The number beyond the threshold is Poisson's: 20 are good to a quarter."""
     assert alarm.DRAWS * alarm.FALSE_ALARMS >= 20

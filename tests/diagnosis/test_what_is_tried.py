@@ -10,7 +10,7 @@ from searches import fitted
 from trials import CALM, SHIP
 
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis import formula, next_runs, recurring, right_ship, windows
+from manoeuvre_nn.diagnosis import event_blocks, formula, next_runs, recurring, right_ship
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
@@ -75,7 +75,7 @@ def test_of_each_equation_the_two_highest_peaks_are_tried_that_are_no_neighbours
 
 def test_a_force_is_never_further_from_a_size_that_is_tried_than_by_the_root_of_two():
     """Sizes go by factors of two."""
-    smaller, larger = windows.SCALES
+    smaller, larger = event_blocks.SCALES
     assert larger / smaller == approx(2.0) and smaller * larger == approx(1.0, rel=0.03)
 
 
@@ -95,20 +95,21 @@ class Columned:
 def test_a_run_is_cut_into_blocks_of_ten_seconds_ninety_for_one_force_and_thirty_six_for_a_grid_at_most(
     monkeypatch, duration, sizes, block
 ):
-    monkeypatch.setattr(windows, "_write", lambda effect, values, times: None)
-    monkeypatch.setattr(windows, "contribution", lambda effect, table, linearised: Mock(moved=None))
+    monkeypatch.setattr(event_blocks, "write_times", lambda effect, values, times: None)
+    monkeypatch.setattr(event_blocks, "contribution", lambda effect, table, linearised: Mock(moved=None))
     steps = round(duration)
     courses = np.zeros((steps, 6, 1)), np.ones((sizes, 1))
-    monkeypatch.setattr(windows, "_main_courses", lambda moved, unit: courses)
+    monkeypatch.setattr(event_blocks, "_main_courses", lambda moved, unit: courses)
     run = SimpleNamespace(time=np.arange(steps + 1.0), step=1.0)
     linearised = SimpleNamespace(run=run, states=SimpleNamespace(channels=["x"]))
     white = SimpleNamespace(embed=lambda columns: Columned(columns.moved.shape[-1]))
     data_set = Mock(unit=np.ones(3), runs=[SimpleNamespace(linearised=linearised)])
     data_set.at = lambda level: SimpleNamespace(white=[white], base=[Columned(3)])
     data_set.nuisance_sd = lambda scatter, runs: np.ones(2)
-    made = windows._blocks(data_set, 0, Mock(), np.zeros((sizes, 4)), (0, 0), None)
+    cut = event_blocks.cut_into_blocks(data_set, 0, Mock(), np.zeros((sizes, 4)))
+    made = event_blocks._blocks(data_set, 0, cut, (0, 0), None)
     assert np.diff(made.edges)[:-1] == approx(block) and made.edges[[0, -1]] == approx([0.0, duration])
-    assert made.scales == ((1.0, 1.0) if sizes == 1 else windows.SCALES)
+    assert made.scales == ((1.0, 1.0) if sizes == 1 else event_blocks.SCALES)
 
 
 def weighed(monkeypatch, gain: float, likeliest: int) -> str:

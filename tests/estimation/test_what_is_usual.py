@@ -8,9 +8,10 @@ import torch
 from pytest import approx
 from scipy.stats import norm
 
-from manoeuvre_nn.core.wind import AIR, COEFFICIENTS, wind_load
+from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.core.wind import AIR, COEFFICIENTS, WindAreas, wind_load
 from manoeuvre_nn.estimation.coefficient_forces import own_unit
-from manoeuvre_nn.estimation.coefficient_priors import own_prior, series_prior
+from manoeuvre_nn.estimation.coefficient_priors import WIND, own_prior, series_prior
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.marginal_likelihood import COEFFICIENT_SD_PRIOR
 from manoeuvre_nn.estimation.run_states import RunStates
@@ -111,3 +112,19 @@ def test_a_ship_turns_with_her_mass_whatever_the_product_is_that_stands_for_it()
     mass, yaw = 2 * SHIP.block * SHIP.beam / SHIP.length, clarke_derivatives(SHIP)["Yr"]
     assert series_prior([(1, "u r"), (1, "v")], SHIP)[0][0] == approx(yaw - mass)
     assert series_prior([(1, "r"), (1, "a r"), (2, "a r")], SHIP)[0] == approx([yaw - mass, -mass, 0.0])
+
+
+@pytest.mark.parametrize("kind", ["cargo_loaded", "container_loaded", "tanker_loaded", "tanker_ballast"])
+def test_the_wind_loads_a_ship_as_blendermanns_curves_do_over_all_directions(kind):
+    """X = c |w| wx, Y = c |w| wy and N = c wx wy, fitted to the curves; within a quarter, as ships of a kind differ."""
+    areas, angle = WindAreas(400.0, 2000.0, 0.0, 150.0), torch.arange(1.0, 180.0, dtype=torch.float64) * DEGREE
+    x, y = -torch.cos(angle), torch.sin(angle)  # of unit speed, towards which it blows
+    surge, sway, arm = wind_load(areas, COEFFICIENTS[kind], -x, -y)
+    unit = 0.5 * AIR
+    loads = {
+        "X wx |w|": (surge / (unit * areas.frontal), x),
+        "Y wy |w|": (sway / (unit * areas.lateral), y),
+        "N wx wy": (sway * arm / (unit * areas.lateral), x * y),
+    }
+    fitted = {name: float((load @ shape) / (shape @ shape)) for name, (load, shape) in loads.items()}
+    assert fitted == {name: approx(c, rel=0.25) for name, c in WIND.items()}

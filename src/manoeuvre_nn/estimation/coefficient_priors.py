@@ -22,8 +22,9 @@ PRIOR_SD_PRIME = (0.02, 0.1, 0.05)
 """Standard deviation of what one product, before any run is seen, may add to X', Y', N' in a hard manoeuvre."""
 EVEN_SHARE = 0.2
 """Share of it for products that are the same to port and to starboard in Y and N: ships are nearly symmetric."""
-WIND = {"X wx |w|": 0.7, "Y wy |w|": 0.9, "N wx wy": -0.1}
-"""Drag coefficients of a ship's sides in the wind: over A_F, over A_L, over A_L L (Blendermann 1994, cargo ships)."""
+WIND = {"X wx |w|": 0.7, "Y wy |w|": 0.9, "N wx wy": -0.2}
+"""Drag coefficients of a ship's sides in the wind: over A_F, over A_L, over A_L L, the means over all directions of
+Blendermann's curves (1994, cargo ships)."""
 MIN_RELATIVE_SD = 0.02
 """Standard deviation of a published coefficient over the largest effect of its equation, where it is small itself."""
 
