@@ -354,7 +354,7 @@ ALL_THREE = (checking.ON_BOUNDS, checking.LEFT, REPAIRED_SAILS)
 
 @pytest.mark.parametrize("poor", [ALL_THREE, ALL_THREE[:2], ALL_THREE[1:], ALL_THREE[::2]])
 @pytest.mark.parametrize("gap", [2.0, 9.0])
-def test_a_claim_that_explains_nothing_gives_way_to_the_next(monkeypatch, poor, gap):
+def test_a_claim_that_is_only_the_nearest_gives_way_to_the_next(monkeypatch, poor, gap):
     """At the end of its range, with as much left, and free runs that miss: it takes all three. A rival or no rival."""
     claims = [fit(120.0, "current"), fit(120.0 - gap, "log_scale")]
     found, _, checks = proved(monkeypatch, claims, {("current",): 30.0, ("log_scale",): 20.0}, {}, poor=poor)

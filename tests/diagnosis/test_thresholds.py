@@ -13,6 +13,8 @@ from manoeuvre_nn.diagnosis import alarm, checks
 from manoeuvre_nn.diagnosis import decision as under_test
 from manoeuvre_nn.diagnosis.decision import PRIOR_NONE, PRIOR_OF_SIZE, PRIOR_UNKNOWN, Decision, settled
 from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL
+from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS
+from manoeuvre_nn.diagnosis.result import Check
 from manoeuvre_nn.diagnosis.search import worth_its_size
 from manoeuvre_nn.diagnosis.unknown import ReceiverWander
 from manoeuvre_nn.effect.roll import RollCoupling
@@ -348,3 +350,24 @@ def test_effects_within_nine_of_twice_the_log_evidence_are_reported_together(mon
     singles = {"current": 20.0, "log_scale": 15.0} | tried
     result = found(*(fitted(e, name) for name, e in singles.items()))
     assert checks.aliases(result, result.fitted[0]) == rivals
+
+
+# What is only the nearest to something else --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("timed, failed, nearest", [
+    ([[0, 1]], {REPAIRED_SAILS}, True),
+    ([[0, 1], [2, 3]], {REPAIRED_SAILS}, True),
+    ([[0, 1], []], {REPAIRED_SAILS}, False),  # a wind beside it acts always
+    ([[]], {REPAIRED_SAILS}, False),
+    ([[0, 1]], {checks.ON_BOUNDS, checks.LEFT}, False),
+    ([[]], {checks.ON_BOUNDS, checks.LEFT, REPAIRED_SAILS}, True),
+    ([], {REPAIRED_SAILS}, False),
+])  # fmt: skip
+def test_events_alone_must_sail_the_held_out_runs_and_other_effects_need_not(timed, failed, nearest):
+    """With times of their own in every run they come near to any force in runs that were fitted."""
+    names = (checks.ON_BOUNDS, checks.LEFT, REPAIRED_SAILS)
+    made = [Check(name, name not in failed, "") for name in names]
+    effects = [SimpleNamespace(timed=columns) for columns in timed]
+    claim = SimpleNamespace(names=("some",) * len(effects), hypothesis=SimpleNamespace(effects=effects))
+    assert bool(checks.only_nearest(claim, made)) is nearest

@@ -27,18 +27,24 @@ def checks(tried: SearchResult, chosen: FittedHypothesis) -> list[Check]:
     return [_off_bounds(chosen), _little_left(tried, chosen), _same_in_all_runs(tried, chosen)]
 
 
-def explains_nothing(checks: Sequence[Check]) -> bool:
-    """Whether a claim is only the nearest to something else.
+def only_nearest(claim: FittedHypothesis, checks: Sequence[Check]) -> str:
+    """Why a claim is only the nearest to something else.
 
     Args:
+        claim: It.
         checks: Tests that it was put to.
 
     Returns:
-        True where its numbers are at an end of what is possible or published, as much is left of the missing force as
-        in calm water, and free runs of held-out manoeuvres miss by more than is unknown: it takes all three.
+        Empty, but where free runs of held-out manoeuvres miss by more than is unknown, and either its numbers are at an
+        end of what is possible or published and as much is left of the missing force as in calm water, or all of it
+        are events: with times of their own in every run they come near to any force.
     """
     failed = {check.name for check in checks if not check.passed}
-    return {ON_BOUNDS, LEFT, REPAIRED_SAILS} <= failed
+    if {ON_BOUNDS, LEFT, REPAIRED_SAILS} <= failed:
+        return "its numbers are at an end of what is possible or published, and as much is left as in calm water"
+    if REPAIRED_SAILS in failed and claim.names and all(effect.timed for effect in claim.hypothesis.effects):
+        return "events at any times come near to any force, and held-out runs are not sailed with these"
+    return ""
 
 
 def _off_bounds(chosen: FittedHypothesis) -> Check:

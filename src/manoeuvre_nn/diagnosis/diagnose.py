@@ -158,9 +158,9 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         best = max((t for t in put([claim, *rivals]) if t.helped), key=lambda t: t.evidence)
         sailed = [repaired_check(question, tried, best.fitted, best.there)] if question.case.held_out else []
         of_best = [*sailed, *checking.checks(tried, best.fitted)]
-        if not checking.explains_nothing(of_best):
+        why = checking.only_nearest(best.fitted, of_best)
+        if not why:
             return best.fitted, best.proofs, [*(t.check for t in known.values()), *of_best]
-        why = "its numbers are at an end of what is possible or published, and as much is left as in calm water"
         key = next(k for k, t in known.items() if t is best)
         known[key] = replace(best, check=Check(GAIN, False, f"{best.check.text}; {why}"))
         left.insert(0, claim)  # or what may take its place
@@ -168,7 +168,7 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
     if likeliest and likeliest.likelier and not likeliest.helped:
         sailed = repaired_check(question, tried, likeliest.fitted, likeliest.there)
         of_it = checking.checks(tried, likeliest.fitted)
-        if sailed.passed and not checking.explains_nothing([sailed, *of_it]):
+        if sailed.passed:
             why = "; free runs of this ship may go so far astray, and the log evidence alone would raise an alarm"
             check = replace(likeliest.check, passed=True, text=likeliest.check.text + why)
             told = [check if t is likeliest else t.check for t in known.values()]
