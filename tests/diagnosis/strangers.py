@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import torch
 from fleet import unchecked
-from trials import CALM, NOISE, SHIP, STEP, run_of
+from trials import CALM, NOISE, SHIP, run_of
 
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
@@ -24,6 +24,8 @@ from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 SCATTER, LACKS, MODEL_ERROR_TIME = 0.04, 0.01, 30.0
 """Relative error of the coefficients; coloured force over the typical ones; its correlation time [s]."""
 DURATION = 480.0
+STEP = 4.0
+"""Between samples [s]; their noise is such that they tell as much in all as at one every second."""
 Shape = Callable[[Situation], torch.Tensor]
 
 
@@ -114,7 +116,8 @@ def strange_runs(
     usual = [(LACKS, e, MODEL_ERROR_TIME) for e in "XYN"]
     added = [Stranger(size, e, coloured(rng, time)) for size, e, time in (*usual, *random)]
     with unchecked():
-        records = roll_out(Vessel(Calibrated(CALM, shares), [*added, *acting]), TRIALS, step=step, interval=step)
+        ship = Vessel(Calibrated(CALM, shares), [*added, *acting])
+        records = roll_out(ship, TRIALS, step=min(step, 2.0), interval=step)
     return [run_of(record, NOISE / step**0.5, 10 * seed + number) for number, record in enumerate(records)]
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pytest import approx
 from strangers import Stranger, asked, calm_only, of, periodic, strange_runs
+from tiers import mainly
 from trials import CALM, SHIP
 
 from manoeuvre_nn.api import as_sensed
@@ -33,6 +34,7 @@ pytestmark = pytest.mark.usefixtures("unchecked_types")
 NAME = "calm water sails these runs"
 
 
+@pytest.mark.slow
 def test_what_acts_in_the_held_out_run_alone_is_a_mismatch_without_a_name():
     """The fitted runs ask for nothing: evidence does not see it."""
     d = diagnose(asked(strange_runs(4, Stranger(1.0, "N", of("v"), runs=(0.0, 0.0, 1.0)))))
@@ -42,12 +44,19 @@ def test_what_acts_in_the_held_out_run_alone_is_a_mismatch_without_a_name():
     assert next(c.probability for c in d.causes if c.name == "unknown") > 0.5
 
 
+def test_calm_water_does_not_sail_a_held_out_run_in_which_something_acts():
+    question = asked(strange_runs(4, Stranger(1.0, "N", of("v"), runs=(0.0, 0.0, 1.0))))
+    check = calm_check(question, calm_only(question))
+    assert check.name == NAME and not check.passed and "held" in check.text
+
+
 @pytest.mark.slow  # five seconds; a random force in yaw is found in test_natures.py
 def test_a_random_force_in_surge_and_sway_is_too_much_for_calm_water():
     question = asked(strange_runs(5, random=[(0.2, "X", 60.0), (0.2, "Y", 60.0)]))
     assert not calm_check(question, calm_only(question)).passed
 
 
+@pytest.mark.slow  # what the model itself sailed, below, passes the same checks
 def test_clean_runs_show_the_check_that_they_passed():
     """Coefficients off by 4 % and a small coloured force are calm water."""
     d = diagnose(asked(strange_runs(1)))
@@ -56,7 +65,10 @@ def test_clean_runs_show_the_check_that_they_passed():
     assert ship.name == RIGHT_SHIP and ship.passed and not d.doubtful
 
 
-@pytest.mark.parametrize("noise", [{}, {"x": 1.0, "y": 1.0, "u": 0.05, "v": 0.05, "psi": 0.002, "r": 2e-4}])
+INSTRUMENTS = {"x": 1.0, "y": 1.0, "u": 0.05, "v": 0.05, "psi": 0.002, "r": 2e-4}
+
+
+@pytest.mark.parametrize("noise", mainly(1, [INSTRUMENTS, {}]))
 def test_of_what_the_model_itself_sailed_nothing_is_missing_however_good_the_instruments_are(noise):
     """Exact ones leave errors that are slow and smaller than any noise; velocities that are taken from positions have
     the positions' noise, and say nothing that these do not."""
@@ -66,6 +78,7 @@ def test_of_what_the_model_itself_sailed_nothing_is_missing_however_good_the_ins
     case = case_of([as_sensed(run) for run in runs], SHIP, ["run 2"])
     d = diagnose(Question(case, CALM, [RudderOffset(SHIP)]))
     assert d.verdict == "none" and all(check.passed for check in d.checks), [check.text for check in d.checks]
+    assert [check.name for check in d.checks] == [RIGHT_SHIP, NAME] and "p = " in d.checks[1].text and not d.doubtful
     assert next(c.probability for c in d.causes if c.name == "unknown") < 0.1
     assert "vn" in case.runs[0].derived and np.isnan(d.noise["v"]) and d.noise["psi"] > 0
 
@@ -84,6 +97,7 @@ def test_a_repaired_model_must_sail_the_held_out_runs_too():
     assert " x of " in check.text or " y of " in check.text
 
 
+@pytest.mark.slow
 def test_positions_that_were_converted_wrongly_are_named_by_how_much():
     """A quarter of a per cent, which speed over ground contradicts."""
     question = asked(strange_runs(3, PositionConversion(SHIP, north=0.24, east=0.24)))

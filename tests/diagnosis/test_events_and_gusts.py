@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import torch
 from pytest import approx
-from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, sailed, values
+from tiers import mainly
+from trials import CALM, CIRCLE, NOISE, PORT, SHIP, STEP, ZIGZAG, run_of, runs, sailed, values
 
 from manoeuvre_nn.diagnosis import event_blocks
 from manoeuvre_nn.diagnosis.fits import single
@@ -43,8 +44,8 @@ def gusty() -> tuple[WhitenedDataSet, float]:
     made, course = [], []
     for seed, trial in enumerate((CIRCLE, ZIGZAG, PORT)):
         wind = GustyWind(SHIP, seed=seed, speed=14.0, from_deg=60.0, gust_sd=GUSTS, gust_time_s=30.0)
-        record = sailed([trial], [wind])[0]
-        made.append(run_of(record, NOISE, seed))
+        record = sailed([trial], [wind], STEP)[0]
+        made.append(run_of(record, NOISE / STEP**0.5, seed))
         place = torch.tensor(record.time / 30.0 / wind.STEP).long()
         course.append(GUSTS * wind.gusts[place])
     return whitened_data_set(CALM, made), float(torch.cat(course).std())
@@ -84,12 +85,14 @@ def test_gusts_are_found_with_their_size_and_a_steady_wind_gains_nothing_by_them
             assert found.evidence > steady.evidence + 20 and abs(value - true) < 2 * error < 1.2
 
 
-@pytest.mark.parametrize("speeds, change, tidal", [((0.4, 0.6, -0.1), 1.0, True), ((0.5, 0.5, 0.5), 0.0, False)])
+@pytest.mark.parametrize(
+    "speeds, change, tidal", mainly(1, [((0.4, 0.6, -0.1), 1.0, True), ((0.5, 0.5, 0.5), 0.0, False)])
+)
 def test_a_tide_is_told_by_its_change_and_the_speed_of_each_run_where_runs_show_them(speeds, change, tidal):
     made = []
     for seed, (trial, speed) in enumerate(zip((CIRCLE, ZIGZAG, PORT), speeds, strict=True)):
         stream = TidalCurrent(SHIP, speed=speed, toward_deg=100.0, change=change)
-        made.append(run_of(sailed([trial], [stream])[0], NOISE, seed))
+        made.append(run_of(sailed([trial], [stream], STEP)[0], NOISE / STEP**0.5, seed))
     tried = search(whitened_data_set(CALM, made), [Current(SHIP), TidalCurrent(SHIP)])
     best = tried.fitted[0]
     assert best.names == ("tidal_current" if tidal else "current",)

@@ -9,6 +9,7 @@ import pytest
 import torch
 from pytest import approx
 from strangers import strange_runs
+from tiers import mainly
 from trials import CALM, NOISE, SHIP, run_of, runs, unchecked
 
 from manoeuvre_nn.core.channels import MEASURED
@@ -105,6 +106,7 @@ def one_of_three() -> tuple[MarginalLikelihood, FittedHypothesis, FittedHypothes
     return fitted(SideForce(SHIP), campaign([None, push(start_s=150.0, end_s=290.0), None]))
 
 
+@pytest.mark.slow
 def test_an_engine_that_slows_down_is_likelier_than_a_wind_or_a_side_force():
     """In one run it comes back, in one it does not; in two of four it never happens."""
     back, lasting = (
@@ -122,6 +124,7 @@ def test_an_engine_that_slows_down_is_likelier_than_a_wind_or_a_side_force():
     assert value(slowed, "rpm_loss") == approx(0.2, abs=0.03)
 
 
+@pytest.mark.slow
 def test_an_event_is_judged_in_each_form_at_the_same_times():
     """A force forward of midship, whose own fit stopped at other times than a thruster's, is fitted from that one's."""
     runs = campaign([None, SideForce(SHIP, force_kN=150.0, lever_m=40.0, start_s=150.0, end_s=290.0), None])
@@ -138,6 +141,7 @@ def test_an_event_is_judged_in_each_form_at_the_same_times():
     assert times(best)[1][0] == approx((150.0, 290.0), abs=10.0)
 
 
+@pytest.mark.slow
 def test_an_event_is_exchanged_for_another_of_the_same_times_but_for_none_that_is_already_there_in_another_form():
     runs = campaign([None, push(start_s=150.0, end_s=290.0), None])
     likelihood, _, blown = fitted(WindOnset(SHIP), runs)
@@ -191,6 +195,7 @@ def test_a_force_that_acts_in_one_run_of_three_is_not_placed_in_the_others():
     assert found.evidence > none.evidence + 50
 
 
+@pytest.mark.slow
 def test_a_thruster_that_is_used_twice_in_a_run_has_two_intervals_there_and_one_force():
     twice = thrust(start_s=90.0, end_s=170.0, start_2_s=300.0, end_2_s=380.0)
     _, _, found = fitted(BowThruster(SHIP), campaign([twice, thrust(start_s=150.0, end_s=290.0)]))
@@ -222,6 +227,7 @@ def test_intervals_of_a_clear_ramp_begin_where_it_begins_and_last_with_the_run()
         assert abs(start - true) < 3 * error < 60.0 and end == run.time[-1] and np.isnan(of_end)
 
 
+@pytest.mark.slow
 def test_a_step_is_no_ramp_and_its_times_are_within_their_errors():
     """Over two seeds and all edges: off by as many standard errors as chance has it."""
     z, ramps = [], []
@@ -239,7 +245,7 @@ def question(runs: Sequence[Recording], held_out: Sequence[str], effects: Sequen
     return Question(Case("trial", "mariner", tuple(runs), SHIP, frozenset(held_out)), CALM, effects)
 
 
-@pytest.mark.parametrize("kind", ["wind", "push"])
+@pytest.mark.parametrize("kind", mainly(1, ["push", "wind"]))
 def test_in_runs_to_predict_an_event_is_placed_by_their_recordings_or_left_out(kind):
     if kind == "wind":
         (_, _, found), half_of_ramp = slow_wind(), 90.0
@@ -275,6 +281,7 @@ def test_a_planned_run_is_predicted_without_the_event_and_that_is_said():
     assert times_of(looked.effects[0], looked.values[0][0]) == ()
 
 
+@pytest.mark.slow
 def test_no_partner_is_added_that_mends_the_time_of_a_wind():
     runs = campaign([wind(160.0), wind(230.0)], seed=3, step=1.0)
     kinds = (WindOnset, Current, RateBias)
@@ -322,10 +329,12 @@ def test_times_that_the_data_do_not_say_are_no_evidence():
     assert nothing.evidence < likelihood.evaluate(Hypothesis((), ())).evidence + 0.5
 
 
-@pytest.mark.parametrize("force_kN", [pytest.param(-600.0, marks=pytest.mark.slow), -2500.0])
+@pytest.mark.slow  # a force of usual size is placed above
+@pytest.mark.parametrize("force_kN", [-600.0, -2500.0])
 def test_a_large_force_is_placed_in_all_runs_that_were_not_used(force_kN):
     """As long as one of two such runs lacks it, coefficients that are off by far explain both better than it does."""
-    records = strange_runs(6, SideForce(SHIP, force_kN=force_kN, lever_m=60.0, start_s=150.0, end_s=300.0))
+    push = SideForce(SHIP, force_kN=force_kN, lever_m=60.0, start_s=150.0, end_s=300.0)
+    records = strange_runs(6, push, step=STEP)
     case = Case("strange", "mariner", tuple(records), SHIP, frozenset({r.name for r in records[1:]}))
     asked = Question(case, CALM, [SideForce(SHIP)])
     fitted = search(whitened_data_set(CALM, case.fitted), asked.effects).fitted[0]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from fleet import unchecked
 from sailed import sailed, table_of, write_runs
+from tiers import mainly
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import body_to_earth
@@ -74,6 +75,7 @@ def all_checked(folder, tables, bounds=SHELF) -> list[tuple[str, ...]]:
     return check_over_ground(runs, SHIP.particulars, bounds=bounds)
 
 
+@pytest.mark.slow
 def test_a_strong_current_is_told_and_diagnosed(tmp_path):
     case = case_of(tmp_path, 2.95, 180.0)
     assert any("less than the speed over ground" in s or "more than the speed over ground" in s for s in case.undecided)
@@ -82,7 +84,7 @@ def test_a_strong_current_is_told_and_diagnosed(tmp_path):
     assert d.model == ["current"] and abs(speed.value - 2.95) < 0.03 and abs(toward.value - 180.0) < 1.0
 
 
-@pytest.mark.parametrize("which", range(4))
+@pytest.mark.parametrize("which", mainly(1, range(4)))
 @pytest.mark.parametrize("speed, toward", [(3.7, 180.0), (4.8, 180.0), (5.5, 0.0), (6.5, 90.0), (8.5, 150.0)])
 def test_no_current_within_its_bounds_is_a_wrong_unit(tmp_path, speed, toward, which):
     said = checked(tmp_path, sailed(speed, toward)[which])
@@ -190,13 +192,13 @@ def late(seconds: float, manoeuvres=CIRCLES):
     return [table_of(run, 20 + k) for k, run in enumerate(runs)]
 
 
-@pytest.mark.parametrize("seconds", [10.0, 12.0, 15.0])
+@pytest.mark.parametrize("seconds", mainly(1, [12.0, 10.0, 15.0]))
 def test_a_ship_that_comes_round_to_the_side_of_a_late_rudder_is_no_other_sign(tmp_path, seconds):
     for k, table in enumerate(late(seconds)):
         assert checked(tmp_path / f"{k}", table, replace(SHELF, rudder_delay=0.0)) == ()
 
 
-@pytest.mark.parametrize("seconds", [12.0, 15.0])
+@pytest.mark.parametrize("seconds", mainly(1, [15.0, 12.0]))
 def test_one_circle_that_fits_the_other_sign_best_is_decided_by_the_delay_of_the_other_runs(tmp_path, seconds):
     runs = late(seconds, SHORT)
     with pytest.raises(InputError, match="rudder sign opposite to the turn"):
@@ -210,7 +212,9 @@ def turned_round(table):
     return table.assign(delta=-table.delta, delta_order=-table.delta_order)
 
 
-@pytest.mark.parametrize("manoeuvres, which", [(CIRCLES, (0,)), (CIRCLES, (2,)), (SHORT, (0,)), (SHORT, (0, 1, 2))])
+@pytest.mark.parametrize(
+    "manoeuvres, which", mainly(2, [(CIRCLES, (0,)), (SHORT, (0, 1, 2)), (CIRCLES, (2,)), (SHORT, (0,))])
+)
 def test_a_rudder_of_the_other_sign_in_some_runs_is_refused(tmp_path, manoeuvres, which):
     right = late(0.0, manoeuvres)
     assert all_checked(tmp_path / "right", right) == [()] * len(right)
@@ -238,7 +242,7 @@ def test_a_strong_current_on_weaves_without_a_log_is_told_by_the_circles_of_the_
     assert len(told) >= 2 and told == pytest.approx([6.0] * len(told), rel=0.15)
 
 
-@pytest.mark.parametrize("current", [0.0, 0.4])
+@pytest.mark.parametrize("current", mainly(1, [0.4, 0.0]))
 def test_another_unit_of_all_columns_is_no_current_in_any_number_of_runs(tmp_path, current):
     right, wrong = without_log(current, range(4)), without_log(current, range(4), 1 / KNOT)
     for name, tables in {"all": wrong, "circle": [*right[:3], wrong[3]], "weave": [*right[1:], wrong[0]]}.items():

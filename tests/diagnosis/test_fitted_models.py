@@ -303,6 +303,7 @@ def pond():
     return ship, question
 
 
+@pytest.mark.slow
 def test_in_calm_air_a_fitted_model_has_nothing_proved_against_it(pond):
     _, question = pond
     found = diagnose(replace(question(duration=120.0), caveat="the model is doubtful"))
@@ -311,6 +312,7 @@ def test_in_calm_air_a_fitted_model_has_nothing_proved_against_it(pond):
     assert not found.checks[0].passed and found.sentence.endswith(" But the model is doubtful.")
 
 
+@pytest.mark.slow
 def test_several_runs_that_were_not_used_are_drawn_with_a_fitted_model_as_they_are_one_by_one(pond):
     _, question = pond
     runs = question(duration=60.0).case.runs

@@ -9,6 +9,7 @@ import torch
 from fleet import ship_named, unchecked
 from pytest import approx
 from test_hypotheses_judged import LEVEL, NONE, fitted, hypothesis, stand
+from tiers import mainly
 from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, values
 
 from manoeuvre_nn.core.recording import Recording
@@ -68,7 +69,7 @@ def test_linearised_until_it_rests_another_linearisation_changes_little():
     assert (np.abs(found_at - true) < 3.5 * found.errors[kept] + 0.01 * true).all()
 
 
-@pytest.mark.parametrize("acting", ["nothing", "wind"])
+@pytest.mark.parametrize("acting", mainly(1, ["wind", "nothing"]))
 def test_all_hypotheses_are_weighed_about_the_states_of_what_leads(acting):
     """Of calm water where no effect gains much: about the first, rough states small effects gain by chance."""
     stood = stand(acting)
@@ -131,6 +132,7 @@ def test_states_of_a_ship_that_lies_still_are_not_taken(monkeypatch):
     assert refined(stood, calm).runs[0].linearised is stood.runs[0].linearised
 
 
+@pytest.mark.slow
 def test_of_two_large_effects_both_are_found_although_calm_water_is_far_off():
     """A rudder without most of its area and a propeller with little thrust, beside two instruments that might err."""
     acting = [RudderAreaLoss(SHIP, fraction=0.8), PropellerPitchError(SHIP, fraction=0.6)]
@@ -148,12 +150,14 @@ def test_an_effect_acts_on_the_ship_as_her_corrected_coefficients_say():
     assert abs(found.hypothesis.vector()[0] - 5.0) < 3 * found.errors[0] < 0.3
 
 
+@pytest.mark.slow
 def test_a_rudder_recorded_so_late_that_movements_do_not_overlap_is_found():
     late = runs([CIRCLE, PORT], [RudderDelay(SHIP, delay_s=44.0)])
     found = search(whitened_data_set(CALM, late), [RudderDelay(SHIP)]).fitted[0]
     assert found.hypothesis.vector()[0] == approx(44.0, abs=1.0)
 
 
+@pytest.mark.slow
 def test_corrections_of_a_rudder_that_is_recorded_late_act_when_it_is_laid():
     """Of a rudder 12 % weaker than published and recorded 25 s late, strength and delay are found."""
     shares = np.array([-0.12 * (name in ("Yd", "Nd")) for name in Corrections(CALM).names])

@@ -49,6 +49,7 @@ def test_a_periodic_yaw_moment_has_its_period_its_phase_and_its_amplitude():
     assert closed(d) > 0.8 and "periodic force in yaw" in d.sentence
 
 
+@pytest.mark.slow
 def test_a_periodic_yaw_moment_of_another_phase_in_each_run_has_its_period_and_its_amplitude():
     """In runs that were not used it is there, too: at a size and a phase that are taken from these."""
     d = diagnose(asked(strange_runs(2, Stranger(0.15, "N", periodic(50.0, 0.3, 2.2, 4.6)))))

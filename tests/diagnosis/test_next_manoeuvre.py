@@ -8,6 +8,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 from pytest import approx
+from tiers import mainly
 from trials import CALM, NOISE, SHIP, run_of, sailed, values
 
 from manoeuvre_nn.core.effect import Effect
@@ -131,12 +132,14 @@ def test_a_current_across_is_told_from_a_compass_error_by_another_heading():
     assert runs[0][1].heading is not None and abs(np.degrees(runs[0][1].heading)) > 45
 
 
+@pytest.mark.slow
 def test_a_current_and_wind_on_one_heading_are_told_apart_by_another():
     place = stand("straight", CURRENT)
     runs = ranked(place, CURRENT, WIND)
     assert max(gain(runs, "a straight run", h) for h in (90.0, 180.0, 270.0)) > gain(runs, "a straight run", 0.0) + 3
 
 
+@pytest.mark.slow
 def test_the_log_tells_a_following_current_from_more_thrust():
     """Over ground the ship is faster by both; through the water by thrust alone."""
     deaf = stand("straight", FOLLOWING, log=False)
@@ -148,15 +151,14 @@ def test_the_log_tells_a_following_current_from_more_thrust():
     )
 
 
+@pytest.mark.slow
 def test_a_rudder_offset_looks_the_same_on_all_headings():
     runs = ranked(stand("zigzag"), RudderOffset(SHIP, offset_deg=1.0), None)
     gains = [gain(runs, "a 20/20 zigzag, first to port", h) for h in (0.0, 90.0, 180.0, 270.0)]
     assert gains == approx([gains[0]] * 4, rel=0.02) and gains[0] > 1
 
 
-@pytest.mark.parametrize(
-    "effect", [pytest.param(None, marks=pytest.mark.slow), WIND, CURRENT, RudderOffset(SHIP, offset_deg=2.0)]
-)
+@pytest.mark.parametrize("effect", mainly(1, [WIND, None, CURRENT, RudderOffset(SHIP, offset_deg=2.0)]))
 def test_simulated_runs_obey_the_equations_by_which_they_are_judged(effect):
     """What a step of calm water from each state misses is what the hypothesis adds; at half speed too."""
     h = Hypothesis((), ()) if effect is None else judged(effect).hypothesis
@@ -224,6 +226,7 @@ def test_the_sentence_names_the_run_its_heading_and_what_is_expected_of_it():
     assert "begun on heading " in said and advised.as_dict == best.as_dict
 
 
+@pytest.mark.slow
 def test_what_acts_beside_the_leader_is_looked_for_with_both_acting():
     alone, both = judged(CURRENT, evidence=30.0), judged(CURRENT, RudderOffset(SHIP, offset_deg=1.0), evidence=31.0)
     tried, seen = (
@@ -257,6 +260,7 @@ def test_nothing_is_simulated_where_the_verdict_is_certain(monkeypatch):
     assert next_steps(tried, calm, NOTHING, False)[0][0].startswith("Nothing more is needed")
 
 
+@pytest.mark.slow
 def test_a_weak_candidate_is_told_from_calm_water():
     weak = judged(CURRENT, evidence=2.0)
     said, _ = next_steps(search(weak), verdict(weak, current=0.2), NOTHING, False)

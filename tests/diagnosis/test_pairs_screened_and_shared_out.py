@@ -86,7 +86,7 @@ def test_two_threads_that_share_out_tasks_each_get_their_own_results(monkeypatch
 
 
 def test_two_processes_find_what_one_finds():
-    stand = whitened_data_set(CALM, runs([replace(trial, duration=90.0) for trial in (CIRCLE, ZIGZAG)], ACTING))
+    stand = whitened_data_set(CALM, runs([replace(trial, duration=60.0) for trial in (CIRCLE, ZIGZAG)], ACTING))
     once, twice = (search(stand, [type(e)(SHIP) for e in ACTING], workers=n) for n in (1, 2))
     assert [j.names for j in once.fitted] == [j.names for j in twice.fitted]
     assert [j.evidence for j in once.fitted] == approx([j.evidence for j in twice.fitted], abs=1e-9)

@@ -33,7 +33,7 @@ def tables(effect: Effect | None):
 @pytest.mark.parametrize(
     "columns, step, effect, found",
     [
-        (GPS_AND_HEADING, 2, None, []),
+        pytest.param(GPS_AND_HEADING, 2, None, [], marks=pytest.mark.slow),
         pytest.param(
             GPS_AND_HEADING, 2, Current(SHIP, speed=0.5, toward_deg=60.0), [0.5, 60.0], marks=pytest.mark.slow
         ),

@@ -5,7 +5,7 @@ import pytest
 import torch
 from fleet import unchecked
 from pytest import approx
-from trials import CALM, CIRCLE, NOISE, SHIP, ZIGZAG, run_of, runs, values
+from trials import CALM, CIRCLE, NOISE, SHIP, STEP, ZIGZAG, run_of, runs, values
 
 from manoeuvre_nn.diagnosis.advise import apart
 from manoeuvre_nn.diagnosis.fits import single
@@ -52,6 +52,7 @@ def test_a_fault_ten_times_as_large_as_usual_costs_little_more_than_a_usual_one(
     assert 4.0 < density[0] - density[1] < 6.0
 
 
+@pytest.mark.slow
 def test_a_fault_far_beyond_its_usual_size_is_measured():
     """Rudder that stands 12 deg off, play of 15 deg: both were out of bounds when these fitted what is usual."""
     for effect, true in ((RudderOffset(SHIP, offset_deg=12.0), 12.0), (RudderBacklash(SHIP, width_deg=15.0), 15.0)):
@@ -126,8 +127,10 @@ def test_each_campaign_has_its_own_wind_and_the_same_coefficients():
     recorded = []
     for day, wind in days.items():
         with unchecked():
-            tracks = roll_out(Vessel(Calibrated(CALM, shares), [wind]), [CIRCLE, ZIGZAG], step=1.0)
-        recorded += [run_of(track, NOISE, seed=len(recorded) + k, campaign=day) for k, track in enumerate(tracks)]
+            tracks = roll_out(Vessel(Calibrated(CALM, shares), [wind]), [CIRCLE, ZIGZAG], step=STEP, interval=STEP)
+        recorded += [
+            run_of(track, NOISE / STEP**0.5, seed=len(recorded) + k, campaign=day) for k, track in enumerate(tracks)
+        ]
     data_set = whitened_data_set(CALM, recorded)
     assert data_set.campaigns == (0, 0, 1, 1)
     likelihood = MarginalLikelihood(data_set)
@@ -148,6 +151,7 @@ def test_each_campaign_has_its_own_wind_and_the_same_coefficients():
     assert elsewhere.campaigns == (1, 0) and elsewhere.values[0][1, 0] == found.hypothesis.values[0][0, 0]
 
 
+@pytest.mark.slow
 def test_scatter_is_that_of_the_printed_coefficients_where_no_term_is_missing():
     """Coefficients 8 % off in one ship, exact in another that lacks terms: the prior says which of them is wrong."""
     names, errors = Corrections(CALM).names, np.random.default_rng(4)

@@ -9,6 +9,7 @@ import pytest
 from fleet import ship_named
 from searches import fitted
 from strangers import Stranger, asked, calm_only, strange_runs
+from tiers import mainly
 from trials import CALM, CIRCLE, SHIP, ZIGZAG, runs
 
 from manoeuvre_nn.diagnosis.formula import short_formula
@@ -79,6 +80,7 @@ def test_evidence_at_other_scales_of_the_prior_is_that_of_a_posterior_made_at_th
     assert made.evidence_at(scales) == pytest.approx(others.evidence, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_of_runs_of_the_right_ship_nothing_is_asked_whatever_acts_on_her():
     """Coefficients off by 4 %, and beside them a side force in turns that no calm water has, or one without a rule."""
     even = Stranger(0.6, "Y", lambda s: in_tight_turns(SHIP, s)["r"].abs())
@@ -95,7 +97,7 @@ def test_a_ship_whose_coefficients_are_off_by_far_more_than_their_scatter_is_cal
     assert not right_ship_check(tried, short_formula(tried.likelihood, tried.none)).passed
 
 
-@pytest.mark.parametrize("other", ["great_lakes_bulker", "esso_190k"])
+@pytest.mark.parametrize("other", mainly(1, ["esso_190k", "great_lakes_bulker"]))
 def test_runs_of_the_mariner_are_not_taken_for_those_of_another_ship(other):
     likelihood = MarginalLikelihood(whitened_data_set(CalmWater(ship_named(other)), runs([ZIGZAG, CIRCLE])))
     tried = SearchResult(likelihood.evaluate(Hypothesis((), ())), [], likelihood)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from pytest import approx
+from tiers import only
 from trials import CALM, CIRCLE, PORT, SHIP, ZIGZAG, runs
 
 from manoeuvre_nn.core.errors import InputError
@@ -34,9 +35,7 @@ def found(*effects: Formula):
     return likelihood, none, short_formula(likelihood, none)
 
 
-@pytest.mark.parametrize(
-    "term", [pytest.param(t, marks=[pytest.mark.slow] * (t in {"sensor psi cos 2psi", "X 1 sin psi"})) for t in WEIGHTS]
-)
+@pytest.mark.parametrize("term", only({"Y |v||r|", "sensor u_log cos psi"}, WEIGHTS))
 def test_the_term_that_acted_is_found_first_and_its_weight_within_three_standard_errors(term):
     likelihood, none, formula = found(Formula(SHIP, [term], w1=WEIGHTS[term]))
     assert formula is not None and formula.hypothesis.effects[0].terms[0] == term

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from fleet import ship_named, unchecked
 from pytest import approx
+from tiers import mainly
 from trials import CALM, CIRCLE, NOISE, SHIP, ZIGZAG, run_of, sailed, states_of
 
 from manoeuvre_nn.core.channels import MEASURED
@@ -45,7 +46,7 @@ def own_noise(place: PreparedRun) -> np.ndarray:
     return (place.noise / np.sqrt(place.inflation))[:SEEN]
 
 
-@pytest.mark.parametrize("effects", [("current",), ("wind",)])
+@pytest.mark.parametrize("effects", mainly(1, [("wind",), ("current",)]))
 def test_noise_is_found_whatever_acts_on_the_ship(effects):
     found = [own_noise(placed(run_of(record(*effects), NOISE, seed))) / NOISE[:SEEN] for seed in range(WHITE)]
     # A median of 240 samples has a standard error of 7 %.
@@ -96,7 +97,7 @@ def test_a_rounded_channel_has_at_least_the_error_of_rounding():
     assert rounding_step(values) == approx(np.array([0.5, 0.0, 0.0])), "whole steps, none, one value alone"
 
 
-@pytest.mark.parametrize("slope", [0.0, 0.4])
+@pytest.mark.parametrize("slope", mainly(1, [0.4, 0.0]))
 def test_the_noise_of_the_other_channels_is_no_matter_of_the_tachometer(slope):
     (path,) = sailed([ZIGZAG], [PowerLimit(SHIP, rpm_slope=slope)])
     run = run_of(path, NOISE)
@@ -173,7 +174,7 @@ def test_the_first_guess_of_perfect_channels_is_the_motion():
     assert first_guess(drifting)[5:-5, 0] == approx(states_of(record("current"))[5:-5, 0], abs=0.05), "u by the log"
 
 
-@pytest.mark.parametrize("runaway", [2e-3, 4e-3])
+@pytest.mark.parametrize("runaway", mainly(1, [2e-3, 4e-3]))
 def test_positions_that_run_away_ahead_of_a_slow_turning_ship_leave_her_underway(runaway):
     tanker = CalmWater(ship_named("esso_190k"))
     with unchecked():

@@ -59,9 +59,9 @@ TRIALS = [
 ]
 IN_FULL = [TRIALS[0], trial("port", (-15.0, None)), *TRIALS[1:]]
 """What tells terms of a formula apart that are much alike."""
-STEP = 2.0
-"""Between samples [s]; their noise is such that they tell as much in all as at one every second."""
-SAMPLED = NOISE / STEP**0.5
+STEP, LONG_STEP = 2.0, 4.0
+"""Between samples [s], the second where something acts; noise is such that they tell as much as at one every second."""
+SAMPLED = NOISE / LONG_STEP**0.5
 STRANGE = ("Y |v||r|", "N r|r| cos psi")
 DEPTH = 1.4 * SHIP.particulars.draught
 TRUE = {
@@ -76,7 +76,7 @@ TRUE = {
 def sail(trials: Sequence[Manoeuvre], *effects: Effect, ship: Model = CALM, step: float = STEP) -> list[Recording]:
     """What happened."""
     with unchecked():
-        return roll_out(Vessel(ship, effects), list(trials), step=step, interval=step)
+        return roll_out(Vessel(ship, effects), list(trials), step=min(step, STEP), interval=step)
 
 
 def asked(name: str, records: Sequence[Recording], seed: int, effects: Sequence[Effect], **more) -> Question:
@@ -91,7 +91,7 @@ def diagnosis(*acting: str, remainder: bool = False, weaker: float = 0.0) -> Dia
     """Of runs of a ship whose rudder is so much weaker than published, with these effects."""
     shares = [-weaker if name in ("Yd", "Nd") else 0.0 for name in Corrections(CALM).names]
     ship = Calibrated(CALM, torch.tensor(shares, dtype=torch.float64)) if weaker else CALM
-    trials, step = (IN_FULL, 1.0) if "strange" in acting else (TRIALS, STEP)
+    trials, step = (IN_FULL, 1.0) if "strange" in acting else (TRIALS, LONG_STEP if "current" in acting else STEP)
     records = sail(trials, *(TRUE[a] for a in acting), ship=ship, step=step)
     candidates = OF_THE_HULL if "depth" in acting else (FEW if weaker or len(acting) > 1 else CANDIDATES)
     return diagnose(asked("trial", records, 20, candidates, remainder=remainder))
@@ -137,6 +137,7 @@ def test_clean_recordings_end_with_nothing():
     assert all(r.windows == [] for r in d.residuals)
 
 
+@pytest.mark.slow
 def test_what_effects_gain_alone_is_told_from_what_corrected_coefficients_gain():
     """A current, and a rudder that is 8 % weaker than published."""
     d = diagnosis("current", weaker=0.08)
@@ -148,7 +149,7 @@ def test_what_effects_gain_alone_is_told_from_what_corrected_coefficients_gain()
 def test_an_event_that_no_held_out_run_had_is_named_by_the_run_that_had_it():
     """What it predicts of other runs is calm water, which neither proves nor refutes it."""
     push = SideForce(SHIP, force_kN=250.0, lever_m=20.0, start_s=70.0, end_s=140.0)
-    records = sail(TRIALS[:1], push) + sail(TRIALS[1:])
+    records = sail(TRIALS[:1], push, step=LONG_STEP) + sail(TRIALS[1:], step=LONG_STEP)
     d = diagnose(asked("pushed once", records, 50, [SideForce(SHIP), RudderOffset(SHIP)]))
     assert (d.verdict, d.model) == ("mismatch", ["side_force"]) and probability(d, "side_force") > 0.9
     intervals = d.causes[0].intervals
@@ -160,7 +161,7 @@ def test_an_event_that_no_held_out_run_had_is_named_by_the_run_that_had_it():
 
 def test_a_claim_that_runs_which_were_not_used_do_not_bear_out_is_in_no_headline():
     """A current in the fitted runs alone: the search is sure of it, and the held-out run had none."""
-    records = sail(TRIALS[:-1], TRUE["current"]) + sail(TRIALS[-1:])
+    records = sail(TRIALS[:-1], TRUE["current"], step=LONG_STEP) + sail(TRIALS[-1:], step=LONG_STEP)
     d = diagnose(asked("gone", records, 70, [Current(SHIP)]))
     refused = [c.text for c in d.checks if c.name == "held-out gain" and not c.passed]
     assert any("a current" in text for text in refused) and "current" not in d.model
@@ -177,6 +178,7 @@ def test_where_nothing_is_missing_corrected_coefficients_predict():
     assert "coefficients corrected within their scatter" in d.sentence
 
 
+@pytest.mark.slow
 def test_three_effects_at_once_are_all_named_with_their_values():
     d = diagnosis("current", "offset", "log")
     assert set(d.model) == {"current", "rudder_offset", "log_scale"}
@@ -214,6 +216,7 @@ def test_probabilities_and_noise_are_numbers_that_can_be_shown():
     assert {r.run for r in d.residuals} == {"starboard", "weave"} == set(d.tracks)
 
 
+@pytest.mark.slow  # a nature is found in test_natures.py, a formula in test_short_formulas.py
 def test_a_force_without_a_name_is_unknown_and_its_formula_predicts_the_run_that_was_not_used():
     d = diagnosis("strange")
     assert (d.verdict, d.model, d.unknown) == ("mismatch", ["unknown"], True)
@@ -236,6 +239,7 @@ def test_a_network_is_not_taken_where_physics_reaches_the_noise(acting):
     assert d.network == {} and d.model == list(acting)
 
 
+@pytest.mark.slow
 def test_a_depth_is_named_and_measured_although_coefficients_are_off():
     """Depth changes all that the coefficients change: they must not take its share."""
     d = diagnosis("depth", weaker=0.06)
