@@ -116,6 +116,7 @@ def test_another_inertia_scales_the_forces_and_not_the_motion(run, tmp_path, no_
     assert stored["derived"][1] == before["derived"][1]
 
 
+@pytest.mark.slow
 def test_the_tankers_own_table_is_told_from_a_recording(tmp_path, no_figures):
     words = ("ship=esso_190k", "network=modulus", "manoeuvre=zz20", "terms=own", "trainer.max_epochs=3")
     stored, said = told(tmp_path, *words, "data.length=400")

@@ -78,6 +78,7 @@ def test_the_same_command_has_nothing_to_do_and_another_is_refused(asked, folder
         excite(config("seed=1"), folder, Console(quiet=True))
 
 
+@pytest.mark.slow
 def test_a_trained_model_is_asked_about_what_it_was_trained_on(asked, folder, tmp_path):
     model = f"model={folder / 'checkpoints' / 'last.ckpt'}"
     again = excite(config(model, "manoeuvre=zz10"), tmp_path, Console(quiet=True))
@@ -157,6 +158,7 @@ def test_a_candidate_of_ones_own_is_told_as_it_is_typed(asked):
     assert f"Sail next: {best} ('manoeuvre=[x]', " in sentence(replace(asked[0], typed={best: "manoeuvre=[x]"}))
 
 
+@pytest.mark.slow
 def test_what_is_advised_can_be_typed_back_as_it_stands():
     cfg = compose("excite")
     for name in dict.fromkeys([*cfg.candidates, *cfg.score]):

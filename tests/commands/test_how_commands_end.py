@@ -16,6 +16,7 @@ import pytest
 from conftest import ROOT, SHORT, TINY
 from full_disk import room_for
 from rich.console import Console
+from tiers import mainly
 
 from manoeuvre_nn.commands import check, main, simulate, train
 from manoeuvre_nn.core.waiting import _Work, waiting
@@ -42,7 +43,7 @@ def test_import_on_a_full_disk_leaves_the_mapping_that_was_there(tmp_path, capsy
     assert sorted(p.name for p in tmp_path.iterdir()) == ["mine.yaml", "run.csv"]
 
 
-@pytest.mark.parametrize("size", [100, 3000, 30_000])  # .hydra, checkpoints, figures
+@pytest.mark.parametrize("size", mainly(2, [100, 3000, 30_000]))  # .hydra, checkpoints, figures
 def test_training_on_a_full_disk_ends_in_one_line_and_leaves_no_halves(cli, tmp_path, size):
     out = tmp_path / "run"
     with room_for(size):
@@ -59,6 +60,7 @@ def test_a_sweep_on_a_full_disk_leaves_no_lock(cli, tmp_path):
     assert not list(tmp_path.rglob(".lock"))
 
 
+@pytest.mark.slow  # seconds to start a process; in this one, whatever is at work, below
 def test_sigterm_while_it_prepares_ends_in_one_line(tmp_path):
     words = [sys.executable, str(ROOT / "train.py"), *TINY, "data.length=20000", f"out={tmp_path / 'run'}"]
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
@@ -72,8 +74,15 @@ def test_sigterm_while_it_prepares_ends_in_one_line(tmp_path):
     assert not (tmp_path / "run" / ".lock").exists()
 
 
-@pytest.mark.parametrize("step", ["prepare", "score", "write"])
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+INT, TERM = (signal.SIGINT, 130), (signal.SIGTERM, 143)
+
+
+@pytest.mark.parametrize(
+    ("step", "number", "code"),
+    mainly(
+        3, [("prepare", *TERM), ("score", *INT), ("write", *TERM), ("prepare", *INT), ("score", *TERM), ("write", *INT)]
+    ),
+)
 def test_whatever_is_at_work_is_stopped_in_one_line(cli, tmp_path, monkeypatch, step, number, code):
     stopped = train.OF_SHIPS._replace(**{step: lambda *_: os.kill(os.getpid(), number)})
     monkeypatch.setattr(train, "OF_SHIPS", stopped)
@@ -246,6 +255,7 @@ OF_LIBRARIES = r"home/\.(cache|config)(/matplotlib)?|temporary/torchinductor_\w+
 """Folders of matplotlib's, and an empty one that torch makes when Lightning imports its compiler."""
 
 
+@pytest.mark.slow  # a process with a home of its own
 def test_a_command_writes_into_its_folder_alone(tmp_path):
     home, temporary, here = (tmp_path / name for name in ("home", "temporary", "here"))
     for folder in (home, temporary, here):

@@ -2,6 +2,7 @@
 
 import io
 import os
+import runpy
 import shlex
 import subprocess
 import sys
@@ -138,12 +139,16 @@ def test_a_mapping_of_captive_tests_is_not_taken_for_one_of_a_record():
         read_mapping("kvlcc2_hmri")
 
 
-def test_a_file_that_is_missing_ends_in_one_line_and_code_2(tmp_path):
-    command = [sys.executable, str(ROOT / "scripts" / "import_recording.py"), str(tmp_path / "nowhere.csv")]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, cwd=tmp_path)
-    assert done.returncode == 2
-    assert all(line.endswith(" so far") for line in done.stdout.splitlines())  # of a slow machine
-    assert done.stderr.strip().endswith("nowhere.csv: no such file") and done.stderr.count("\n") == 1
+def test_a_file_that_is_missing_ends_in_one_line_and_code_2(tmp_path, monkeypatch, capsys):
+    script = str(ROOT / "scripts" / "import_recording.py")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", [script, str(tmp_path / "nowhere.csv")])
+    with pytest.raises(SystemExit) as end:
+        runpy.run_path(script, run_name="__main__")
+    told = capsys.readouterr()
+    assert end.value.code == 2
+    assert all(line.endswith(" so far") for line in told.out.splitlines())  # of a slow machine
+    assert told.err.strip().endswith("nowhere.csv: no such file") and told.err.count("\n") == 1
 
 
 def test_the_file_itself_is_never_overwritten(tmp_path):

@@ -226,6 +226,7 @@ def test_an_own_effect_is_a_candidate_where_its_class_says_so(own):
     assert "mill_race" in wanted("default", shelf) and "mill_race" in wanted("tank", shelf)
 
 
+@pytest.mark.slow  # that it is a candidate is tested above
 def test_an_own_effect_is_found_in_recordings_and_reported(own, sailed, tmp_path, on_the_page_alone):
     words = [
         "ship=barge",
@@ -285,6 +286,7 @@ def learnt(own, tmp_path_factory) -> Path:
     return out
 
 
+@pytest.mark.slow
 def test_a_run_with_an_own_ship_and_manoeuvre_is_exported_and_diagnosed_with(own, learnt, sailed, tmp_path):
     with unchecked():
         (made,) = export(compose("export", [*own, f"run={learnt}", "format=python"]), tmp_path, Console(quiet=True))

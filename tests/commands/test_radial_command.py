@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from test_pitch_command import TINY
+from tiers import mainly
 
 import manoeuvre_nn as mnn
 from manoeuvre_nn.commands.response import load_response
@@ -12,7 +13,7 @@ WORDS = [word for word in TINY if not word.startswith(("network.hidden", "traine
 CHOSEN = {"rbf": ["network=rbf", "network.hidden=10"], "grnn": ["network=grnn"]}
 
 
-@pytest.mark.parametrize("name", CHOSEN)
+@pytest.mark.parametrize("name", mainly(1, CHOSEN))
 def test_what_is_near_is_learnt_kept_and_written_down(name, cli, tmp_path, monkeypatch):
     monkeypatch.setattr("manoeuvre_nn.commands.response_results.response_figures", lambda data, response: {})
     ended = cli(*WORDS, *CHOSEN[name], "out=out")

@@ -52,6 +52,7 @@ def test_its_checkpoint_is_a_model_that_scores_recordings(out):
     assert mnn.score(str(out / "checkpoints" / "best.ckpt"), runs)[0].dev_L == pytest.approx(told, rel=0.05)
 
 
+@pytest.mark.slow
 def test_it_is_fitted_from_python(tmp_path):
     runs = mnn.simulate("container_twin", [{"tc25": {"duration": 60.0}}, {"tc35_port": {"duration": 60.0}}])
     model = mnn.fit("container_twin", runs[:1], "recursive", [*TINY[1:4]])

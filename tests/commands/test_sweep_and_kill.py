@@ -37,6 +37,7 @@ def test_a_job_of_a_sweep_looks_for_who_began_it_before_it_loads_what_takes_seco
     assert ours == ["looks", "manoeuvre_nn.commands.train"]
 
 
+@pytest.mark.slow
 def test_a_sweep_survives_a_failing_job_and_can_be_continued(cli, fast, tmp_path, monkeypatch):
     folder, kept, end = tmp_path / "sweep", [], SweepTable.on_job_end
 
@@ -70,6 +71,7 @@ def test_a_sweep_survives_a_failing_job_and_can_be_continued(cli, fast, tmp_path
     assert good.code == 0 and "failed" not in good.out
 
 
+@pytest.mark.slow  # seconds to start a process; without one in test_train_command.py
 @pytest.mark.skipif(os.name == "nt", reason="kill -9 is POSIX")
 def test_a_killed_run_goes_on_elsewhere_to_the_scores_of_an_undisturbed_one(cli, fast, tmp_path):
     long = [*SHORT, "trainer.max_epochs=2000", "scoring.every=1000", "trainer.progress=false"]

@@ -54,6 +54,7 @@ def test_the_page_says_with_the_scores_what_the_model_may_be_used_for(done):
     assert verdict["sentence"] in page and 'class="verdict fine"' in page
 
 
+@pytest.mark.slow
 def test_a_useless_model_is_told_as_such_everywhere_and_its_criteria_are_not_judged(fast, cli, tmp_path):
     trained = ("data.length=41", "network.hidden=2", "score=[{zz10: {duration: 250}}]")
     ended = cli("manoeuvre=zz35", *TINY, *trained, f"out={tmp_path / 'out'}")
@@ -152,6 +153,7 @@ def test_more_epochs_in_the_same_folder_go_on_where_the_run_ended(done, cli, fas
     assert numbers(tmp_path / "run") == numbers(done)
 
 
+@pytest.mark.slow
 def test_backpropagation_on_a_tanker_runs_too(cli, fast, tmp_path):
     ended = cli("ship=great_lakes_bulker", "network=wang", "fit=backprop", "fit.iterations_per_epoch=5",
                 "fit.batch_size=8", "trainer.max_epochs=2", "data.length=100", "data.validation=.2",
@@ -179,6 +181,7 @@ def test_an_empty_command_shows_what_it_would_use(cli):
     assert ended.code == 0 and "max_epochs:" in ended.out and "manoeuvre_nn.ship.mariner.mariner" in ended.out
 
 
+@pytest.mark.slow  # a fit that goes on is in tests/training/test_ensembles.py, a spread in tests/scoring
 def test_the_default_ensemble_is_scored_with_its_spread_and_goes_on_after_a_kill(cli, fast, tmp_path):
     words = [*TINY_ENSEMBLE, f"out={tmp_path}/run"]
     assert cli(*words, "trainer.max_epochs=1").code == 0
@@ -192,6 +195,7 @@ def test_the_default_ensemble_is_scored_with_its_spread_and_goes_on_after_a_kill
     assert numbers(tmp_path / "at_once") == found
 
 
+@pytest.mark.slow  # noise ends members early in tests/training/test_ensembles.py
 def test_noisy_accelerations_get_no_more_steps_than_predict(cli, fast, tmp_path):
     noisy = [
         *TINY_ENSEMBLE,
@@ -205,6 +209,7 @@ def test_noisy_accelerations_get_no_more_steps_than_predict(cli, fast, tmp_path)
     assert 0 <= int(stored["steps"]) < 20
 
 
+@pytest.mark.slow
 def test_the_ships_own_terms_may_be_known_before_the_network(cli, fast, tmp_path):
     assert cli(*TINY_ENSEMBLE, "linear=own", f"out={tmp_path}/run").code == 0
     assert scores(tmp_path / "run")["scores"]["zz20"]["dev_L"] < 1e-4

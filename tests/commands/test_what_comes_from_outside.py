@@ -258,6 +258,7 @@ def beside(done, run, more):
 SPOILT = (None, "x", -1, [], {}, 1e300, float("nan"), True, ["a"], {"a": 1}, "\x1b[31m", 10**30, "${oc.env:HOME}")
 
 
+@pytest.mark.slow
 def test_a_config_beside_a_checkpoint_that_was_changed_field_by_field_is_refused_in_one_line_or_read(tmp_path, done):
     good = yaml.safe_load((done / "config.yaml").read_text())
     places = [(part, key) for part in ("ship", "linear", "network", "fit") for key in good[part]]

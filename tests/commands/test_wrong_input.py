@@ -165,6 +165,7 @@ def record(attempt, tmp_path, table, *more):
     return attempt(out, *short, *words, *more), out
 
 
+@pytest.mark.slow
 def test_a_file_in_order_is_trained_on(attempt, fast, tmp_path, good):
     ended, out = record(attempt, tmp_path, (good, good))
     assert ended.code == 0, ended.err
