@@ -168,6 +168,7 @@ def test_the_chapter_of_sensitivity_ranks_the_inputs(small):
     assert table[0]["error ratio, mean"] > table[-1]["error ratio, mean"] > 1
 
 
+@pytest.mark.slow
 def test_the_chapter_of_rivals_scores_all_on_the_same_splits(small):
     section = rivals.chapter(QUICK, quiet)
     table, curve = section.tables.values()

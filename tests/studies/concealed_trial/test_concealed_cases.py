@@ -14,13 +14,14 @@ from manoeuvre_nn.commands.groups import compose
 from studies.concealed_trial.drawing import Trial
 from studies.concealed_trial.stages import generate, score
 
+pytestmark = pytest.mark.slow
+"""Stages are tested with a tool that answers at once, the command with cases of its own."""
 ROOT = Path(__file__).parents[3]
-FOUR = pytest.param(4, marks=pytest.mark.slow)
 ONE = Trial(106, 1, sort="single", strength="strong", channels="full")
 """Short runs of a small ship; one candidate is enough to find what is concealed in them."""
 
 
-@pytest.fixture(scope="module", params=[1, FOUR])
+@pytest.fixture(scope="module", params=[1, 4])
 def cases(request):
     """A strong current; of four, a clean one, an ice field and an effect that is not listed besides."""
     return request.param
@@ -49,7 +50,7 @@ def test_every_case_is_answered(tool, cases):
     assert tool["board"]["notes"] == {}
 
 
-@pytest.mark.parametrize("cases", [FOUR], indirect=True)
+@pytest.mark.parametrize("cases", [4], indirect=True)
 def test_clean_cases_raise_no_alarm(tool):
     alarms = tool["board"]["totals"]["false alarms"]
     assert alarms is not None

@@ -81,6 +81,7 @@ def test_the_new_run_has_the_coefficients_of_the_case_and_chances_of_its_own():
     assert not np.allclose(first.model_error[:50, :, 0], second.model_error[:50, :, 0])
 
 
+@pytest.mark.slow
 def test_both_new_cases_hold_the_recordings_and_one_run_more_of_the_same_recorder(tmp_path):
     write_case(CASE, tmp_path / "recordings" / CASE.name, 0.5)
     plan = {"next_run": {"manoeuvre": "zz20", "first_turn": "port", "heading_deg": 120.0}}
@@ -100,6 +101,7 @@ def test_both_new_cases_hold_the_recordings_and_one_run_more_of_the_same_recorde
     assert runs["advised"]["split"] == runs["random"]["split"] == "fit"
 
 
+@pytest.mark.slow
 def test_a_run_sailed_again_has_the_channel_that_was_asked_for(tmp_path):
     case = replace(CASE, effects=(), measures=())
     write_case(case, tmp_path / "recordings" / CASE.name, 0.5)

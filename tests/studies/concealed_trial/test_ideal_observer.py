@@ -116,6 +116,7 @@ def test_a_push_is_placed_in_its_run_and_time(tracks):
     assert force > 200
 
 
+@pytest.mark.slow
 def test_a_wind_that_sets_in_over_minutes_needs_no_second_effect(tracks, monkeypatch):
     monkeypatch.setattr(ideal, "KINDS", tuple(kind_of(name) for name in ("wind_onset", "side_force", "rudder_offset")))
     monkeypatch.setattr(ideal, "UNMODELLED", ())

@@ -185,6 +185,7 @@ def test_the_script_ends_in_one_line_on_a_wrong_argument(script, words, message)
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_stage_ends_when_the_trial_is_killed():
     stage = f"{[sys.executable, '-c', 'import os, time; print(os.getpid(), flush=True); time.sleep(60)']}"
     code = f"import runpy; runpy.run_path({str(SCRIPT)!r})['in_process']({stage}, '')"
@@ -198,6 +199,7 @@ def test_a_stage_ends_when_the_trial_is_killed():
     assert not Path(f"/proc/{pid}").exists()
 
 
+@pytest.mark.slow
 def test_the_script_says_it_on_standard_error_with_code_two():
     done = subprocess.run(
         [sys.executable, SCRIPT, "seed=x"], capture_output=True, text=True, env=dict(os.environ), check=False

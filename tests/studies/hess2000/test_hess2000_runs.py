@@ -29,6 +29,7 @@ def ship():
     return SHIPS[2]()
 
 
+@pytest.mark.slow
 def test_runs_of_all_speeds_in_one_batch_are_those_sailed_alone(ship):
     fast = [replace(tactical_circle(35.0, turn_deg=90.0), speed=v * KNOT) for v in (15.0, 30.0)]
     for run, alone in zip(
@@ -50,6 +51,7 @@ def test_each_run_has_its_own_wind(ship):
         assert run["wind_speed"][0] == speed and run["wind_from"][-1] == approx(origin * DEGREE)
 
 
+@pytest.mark.slow
 def test_circles_end_after_540_degrees_and_begin_a_length_before_the_order():
     plan = plan_circles(2, 0, Counts(1, 0, 0))
     turn = replace(tactical_circle(35.0, "port"), speed=25.0 * KNOT)

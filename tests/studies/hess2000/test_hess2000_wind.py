@@ -27,6 +27,7 @@ def windy():
     return RunSet(ship, (second,), (first,), tuple(others))
 
 
+@pytest.mark.slow
 def test_the_ship_in_calm_air_errs_by_the_wind_alone(windy):
     with unchecked():
         ship, (run,) = windy.ship, sail(windy.ship, [PlannedRun(SHORT)])
@@ -42,6 +43,7 @@ def test_pairs_share_a_wind_which_is_not_handed_on(windy):
     assert not any(k.startswith("wind") for r in without_wind(windy.own) for k in r.channels)
 
 
+@pytest.mark.slow
 def test_repeated_overshoots_differ_by_their_wind():
     with unchecked():
         across = repeated(SHIPS[2](), [SHORT], TrueWinds(6.0, 12.0, 10.0), 2)

@@ -39,6 +39,7 @@ def quiet(what):
     assert what
 
 
+@pytest.mark.slow
 def test_table_2_read_as_tanh_nodes_gives_g_below_the_papers_tolerance():
     error, again = readings()[table2.Reading()]
     assert again < error < read_claims("rajesh2009", "T2").limits["tolerance_15"]
@@ -66,6 +67,7 @@ def test_the_published_network_turns_the_ship_the_way_its_rudder_lies():
     assert found[:, 2].numpy() == approx(true[:, 2].numpy(), rel=0.35)
 
 
+@pytest.mark.slow
 def test_networks_in_one_batch_move_as_each_alone():
     trials = [zigzag(20.0, first="port", duration=160.0), turning_circle(25.0, "port", duration=100.0)]
     models = [table2.published_network(), table2.published_network()]
@@ -164,6 +166,7 @@ def test_a_departure_is_when_the_track_first_is_a_beam_away():
     assert times[0] == approx(61.0, abs=1.0) and times[1] == inf
 
 
+@pytest.mark.slow
 def test_the_true_terms_are_found_by_linear_least_squares():
     ship = esso_190k()
     assert torch.allclose(manoeuvres.true_terms(), ship.table, rtol=1e-5, atol=1e-7 * float(ship.table.abs().max()))
@@ -186,13 +189,13 @@ def test_80_in_rpm_would_drive_the_ship_sixty_times_faster():
 @pytest.mark.parametrize(
     "chapter, module, figures",
     [
-        (tanker.chapter, None, {"figure_2"}),
+        pytest.param(tanker.chapter, None, {"figure_2"}, marks=pytest.mark.slow),
         (table2.chapter, table2, {"table_2_closed_loop"}),
         (size.chapter, size, {"figure_3", "sizes_over_starts"}),
         (size_tanh.chapter, size, {"figure_3"}),
         (length.chapter, length, {"figure_4"}),
         (manoeuvres.chapter, manoeuvres, {"figure_5", "figure_6"}),
-        (conclusions.chapter, conclusions, {"shallow_water"}),
+        pytest.param(conclusions.chapter, conclusions, {"shallow_water"}, marks=pytest.mark.slow),
     ],
 )
 def test_every_chapter_has_its_figures_and_says_why_a_claim_does_not_hold(chapter, module, figures, monkeypatch):

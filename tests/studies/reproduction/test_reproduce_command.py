@@ -18,6 +18,7 @@ import yaml
 from hydra import compose, initialize_config_dir
 from hydra.core.global_hydra import GlobalHydra
 from rich.console import Console
+from tiers import mainly
 
 import studies
 from manoeuvre_nn.commands import guard
@@ -154,6 +155,7 @@ def test_everything_is_told_and_written(command, tmp_path):
     assert not list(out.rglob("*.part")) and not list(out.rglob("*.log"))
 
 
+@pytest.mark.slow
 def test_the_same_command_gives_the_same_numbers_whatever_the_order(command, tmp_path):
     found = []
     for out, words in (("a", ["workers=1"]), ("b", ["workers=2"])):
@@ -202,7 +204,7 @@ def test_chapters_are_chosen_and_may_be_added_later(command, tmp_path):
     assert ended.code == 0 and list(result(tmp_path / "out")["chapters"]) == ["1", "2"]
 
 
-@pytest.mark.parametrize("content", ["", "{", "[1]", "null", '{"paper": "wang1996"}', "\x00"])
+@pytest.mark.parametrize("content", mainly(2, ["{", '{"paper": "wang1996"}', "", "[1]", "null", "\x00"]))
 def test_a_damaged_chapter_is_refused_in_one_line(command, tmp_path, content):
     command("1=good")
     (tmp_path / "out" / "chapters" / "1.json").write_text(content)
@@ -263,6 +265,7 @@ def test_a_chapter_whose_log_cannot_be_written_fails_in_a_line(tmp_path, capfd):
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.slow
 def test_as_many_chapters_are_at_work_as_there_are_workers(tmp_path):
     def run(effort, say):
         say("a")

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from fleet import unchecked
 from rival_runs import CALM, SHIP, sailed
+from tiers import mainly
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.effect.current import Current
@@ -48,7 +49,9 @@ def test_calm_water_leaves_next_to_nothing_of_perfect_recordings(calm):
     assert np.sqrt((calm**2).mean(axis=0)).max() < 0.003
 
 
-@pytest.mark.parametrize("row, effect", [*FIRST.items(), *OTHERS.items()], ids=lambda x: getattr(x, "name", x))
+@pytest.mark.parametrize(
+    "row, effect", mainly(3, [*FIRST.items(), *OTHERS.items()]), ids=lambda x: getattr(x, "name", x)
+)
 def test_an_effect_shows_in_its_row_and_is_gone_once_its_contribution_is_taken_off(row, effect, calm):
     runs = sailed([effect], noise=0.0)
     before, after = stacked(runs), stacked(runs, effect)
@@ -88,6 +91,7 @@ def test_a_run_without_a_channel_is_refused_in_a_line():
         track(CALM, with_measured(run, seen))
 
 
+@pytest.mark.slow
 def test_errors_by_noise_have_the_variance_that_is_said():
     data = WhitenedRuns(CALM, sailed(noise=0.0))
     errors = WhitenedRuns(CALM, sailed(seed=10)).errors - data.errors

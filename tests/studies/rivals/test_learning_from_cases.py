@@ -143,6 +143,7 @@ def learnt(tmp_path_factory):
         return made
 
 
+@pytest.mark.slow
 def test_a_network_names_and_sizes_an_offset_that_it_has_not_seen(learnt):
     case = case_with(OFFSET)
     said = answer(diagnosis(case, judge_by_network(case, learnt, FEW), Limits(6.0, 3.0)))
@@ -155,6 +156,7 @@ def test_a_network_names_and_sizes_an_offset_that_it_has_not_seen(learnt):
     assert said["heldout_rmse_after"]["pos"] < said["heldout_rmse_before"]["pos"]
 
 
+@pytest.mark.slow
 def test_a_network_says_none_of_a_clean_case(learnt):
     found = judge_by_network(case_with(), learnt, FEW)
     assert found.verdict(Limits(6.0, 3.0)) == "none"

@@ -7,6 +7,7 @@ import pytest
 import yaml
 from fleet import unchecked
 from rival_runs import CALM, SHIP, case_with, sailed
+from tiers import mainly, only
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.diagnosis.answers import answer
@@ -48,7 +49,7 @@ def judged(method, *kinds):
     return case, found, answer(diagnosis(case, found, LIMITS))
 
 
-@pytest.mark.parametrize("method", PLAIN)
+@pytest.mark.parametrize("method", only({"regression"}, PLAIN))
 def test_an_offset_is_named_sized_and_helps_on_held_out_runs(method):
     _, _, said = judged(method, OFFSET)
     first = said["effects"][0]
@@ -60,6 +61,7 @@ def test_an_offset_is_named_sized_and_helps_on_held_out_runs(method):
     assert said["heldout_rmse_after"]["pos"] < 0.2 * said["heldout_rmse_before"]["pos"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", PLAIN)
 def test_two_effects_are_named_together(method):
     _, found, said = judged(method, OFFSET, LOG)
@@ -67,7 +69,7 @@ def test_two_effects_are_named_together(method):
     assert found.evidence.gain > found.none.criterion - min(f.criterion for f in found.fits if len(f.names) == 1)
 
 
-@pytest.mark.parametrize("method", [*PLAIN, "sample_split", "structural"])
+@pytest.mark.parametrize("method", mainly(3, ["pysindy", "sample_split", "structural", "regression"]))
 def test_nothing_is_found_where_nothing_is(method):
     _, found, said = judged(method)
     assert (said["verdict"], said["model"]) == ("none", [])
@@ -105,6 +107,7 @@ def test_a_fit_finds_the_least_squares_solution_of_a_linear_effect():
     assert found.hypothesis.values[0][0, 0] == pytest.approx(80.0, abs=3 * np.sqrt(found.spread[0, 0]))
 
 
+@pytest.mark.slow
 def test_times_of_a_side_force_are_found_and_a_run_without_it_has_none():
     event = SideForce(SHIP, force_kN=250.0, lever_m=20.0, start_s=150.0, end_s=280.0)
     runs = [sailed([event])[0], sailed(seed=3)[1]]
@@ -116,6 +119,7 @@ def test_times_of_a_side_force_are_found_and_a_run_without_it_has_none():
     assert gain > 50.0
 
 
+@pytest.mark.slow
 def test_gusts_are_read_off_a_wind_speed_that_scatters():
     data = WhitenedRuns(CALM, sailed([SteadyWind(SHIP, speed=12.0, from_deg=40.0)], seed=20))
     wind = Hypothesis(

@@ -58,6 +58,7 @@ def test_of_two_terms_that_look_alike_the_simpler_one_is_tested():
     assert split.distinct(x).tolist() == [0, 2, 4, 6, 8, 10]
 
 
+@pytest.mark.slow
 def test_a_current_is_named_by_the_harmonics_that_stand_the_tests():
     pytest.importorskip("sklearn")
     terms = split.TestedTerms(CALM, case_with(CURRENT).fitted)

@@ -8,6 +8,7 @@ import torch
 from fleet import ship_named, unchecked
 from pytest import approx
 from scipy import stats
+from tiers import mainly
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
@@ -193,7 +194,7 @@ def test_rules_that_make_no_sense_are_refused(rules):
         Rules(**rules)
 
 
-@pytest.mark.parametrize("name", ["mariner", "mariner_corrected"])
+@pytest.mark.parametrize("name", mainly(1, ["mariner", "mariner_corrected"]))
 @pytest.mark.parametrize("method", ["backward", "stepwise"])
 def test_from_exact_g_exactly_the_mariners_terms_are_kept(name, method):
     result, true = found(name, method), printed(name)

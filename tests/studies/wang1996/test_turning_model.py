@@ -7,6 +7,7 @@ import pytest
 import torch
 from fleet import ship_named, unchecked
 from pytest import approx
+from tiers import mainly
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
@@ -128,6 +129,7 @@ def test_a_network_trained_on_a_straight_line_gives_the_analytic_turn():
     np.testing.assert_allclose(run["r"] * UNIT, analytic(6, run.time), atol=2e-4)
 
 
+@pytest.mark.slow
 def test_both_solvers_agree():
     model, order = TurningModel(ship_named("mariner"), fitted(30).best), turning_circle(30.0, duration=120.0)
     with unchecked():
@@ -160,9 +162,10 @@ def test_a_straight_line_has_one_branch(side):
     assert curve.weights.shape[1] == 1, "the second branch is left out"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "ship",
-    [pytest.param(s, marks=pytest.mark.slow) for s in ("mariner_chislett1965", "esso_190k")] + ["great_lakes_bulker"],
+    ["great_lakes_bulker", "mariner_chislett1965", "esso_190k"],
 )
 def test_two_branches_predict_the_turns_of_other_ships(ship):
     made = ship_named(ship)
@@ -175,6 +178,7 @@ def test_two_branches_predict_the_turns_of_other_ships(ship):
     assert score(ahead, run, made.particulars.length).dev_L < 0.02
 
 
+@pytest.mark.slow
 def test_port_is_starboard_mirrored():
     folds = [find_fold(turn(30, side, "mirrored"), WANG) for side in ("starboard", "port")]
     assert (folds[1].r, folds[1].settled) == approx((-folds[0].r, -folds[0].settled), rel=1e-9)
@@ -187,7 +191,7 @@ def test_port_is_starboard_mirrored():
         np.testing.assert_allclose(runs[1][name], sign * runs[0][name], rtol=1e-6, atol=1e-6, err_msg=name)
 
 
-@pytest.mark.parametrize("angle", [20, 30])
+@pytest.mark.parametrize("angle", mainly(1, [20, 30]))
 def test_with_the_true_sway_velocity_the_prediction_is_the_simulation(angle):
     run = turn(angle)
     model = TurningModel(ship_named("mariner"), ByTime(run))
@@ -196,7 +200,7 @@ def test_with_the_true_sway_velocity_the_prediction_is_the_simulation(angle):
     np.testing.assert_allclose(ahead["r"], run["r"], atol=2e-4 * np.abs(run["r"]).max())
 
 
-@pytest.mark.parametrize("angle", [20, 30])
+@pytest.mark.parametrize("angle", mainly(1, [20, 30]))
 def test_two_branches_cure_what_one_network_cannot_do(angle):
     order, dev = turning_circle(float(angle), duration=300.0), {}
     for branches in (1, 2):

@@ -38,12 +38,14 @@ def starts(kind):
     }
 
 
+@pytest.mark.slow
 def test_every_table_and_figure_is_there():
     assert [p.name for p in section().plots] == [f"figure_6_{k}" for k in range(1, 17)]
     assert len(claims("Table 6.1")) == 6 and len(claims("Table 6.2")) == 3
     assert all(np.isfinite(line.y).all() for p in section().plots for panel in p.panels for line in panel.lines)
 
 
+@pytest.mark.slow
 def test_the_captions_name_turn_and_channel_in_the_order_of_the_thesis():
     names = ["sway velocity", "yaw rate", "track", "sway acceleration", "yaw acceleration"]
     for k, plot in enumerate(section().plots[1:]):
@@ -51,6 +53,7 @@ def test_the_captions_name_turn_and_channel_in_the_order_of_the_thesis():
         assert f"{ANGLES[k // 5]} deg" in plot.caption
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("figure, angle", [(4, 10), (9, 20), (14, 30)])
 def test_the_yaw_equation_alone_keeps_near_the_track(figure, angle):
     (claim,) = claims(f"Figure 6.{figure}")
@@ -59,6 +62,7 @@ def test_the_yaw_equation_alone_keeps_near_the_track(figure, angle):
     assert claim.ours == approx({10: 0.011, 20: 0.14, 30: 0.22}[angle], rel=0.25), "an independent reproduction"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle, least, largest", [(10, 1.3e-4, 3e-4), (20, 5.6e-3, 5.9e-3), (30, 1.3e-2, 1.45e-2)])
 def test_one_network_leaves_the_error_of_a_curve_with_two_values(angle, least, largest):
     total, last = claims(f"Table 6.1, {angle} deg")
@@ -68,6 +72,7 @@ def test_one_network_leaves_the_error_of_a_curve_with_two_values(angle, least, l
     assert last.ours < 1e-6 < 1e-2 * total.ours
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("angle", ANGLES)
 def test_two_branches_follow_the_turn(angle):
     one, two = (starts(kind)[angle] for kind in ("one network", "two branches"))
@@ -76,11 +81,13 @@ def test_two_branches_follow_the_turn(angle):
     assert two["broke down"] == 0
 
 
+@pytest.mark.slow
 def test_a_network_that_follows_the_10_deg_turn_too_closely_breaks_the_yaw_equation():
     usual, longer = (starts(kind)[10] for kind in ("one network", "one network, trained longer"))
     assert longer["SSE median"] < usual["SSE median"] and usual["broke down"] == 0 < longer["broke down"]
 
 
+@pytest.mark.slow
 def test_the_fold_grows_with_the_rudder():
     rows = section().tables["Where v(r) has two values"]
     assert [r["largest r'"] for r in rows] == approx([0.218, 0.304, 0.372], abs=1e-3)
@@ -88,6 +95,7 @@ def test_the_fold_grows_with_the_rudder():
     assert np.all(np.diff([r["branches of v' apart"] for r in rows]) > 0)
 
 
+@pytest.mark.slow
 def test_settled_turns_lie_on_a_line_but_a_turn_does_not():
     (claim,) = (c for c in claims("Figure 6.1") if c.where == "Figure 6.1")
     shares = [float(x) for x in re.findall(r"0\.\d+", claim.ours)]
@@ -96,12 +104,14 @@ def test_settled_turns_lie_on_a_line_but_a_turn_does_not():
     assert np.ptp(ratios) < 0.03 * abs(np.mean(ratios))
 
 
+@pytest.mark.slow
 def test_speed_cannot_be_held_and_networks_cannot_be_exchanged():
     held, fast, other = (c for c in claims("Section 6.3") if "tracks" in c.what or "network of" in c.what)
     assert (held.verdict, fast.verdict, other.verdict) == ("holds", "does not hold", "holds")
     assert min(float(x) for x in re.findall(r"[\d.]+(?=,| L)", fast.ours)) > 1.0
 
 
+@pytest.mark.slow
 def test_the_published_weights_are_tried_and_not_judged():
     assert {c.verdict for c in claims("Table 6.2")} == {"not comparable"}
     rows = section().tables["Table 6.2 in several readings"]

@@ -77,6 +77,7 @@ def test_accelerations_of_the_nonlinear_system_are_those_of_the_equations_in_ful
     np.testing.assert_allclose(nonlinear(SHIP).free(START[None])[0], [vdot * unit, rdot * unit / 152.4], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_long_voyage_in_waves_ends_in_the_answer_of_the_transfer_function():
     waves, system = sea(1), simplest(SHIP)
     heading, p = to_heading(45.0), SHIP.particulars

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 from fleet import ship_named, unchecked
+from tiers import mainly
 
 from manoeuvre_nn.manoeuvre.spiral import spiral
 from manoeuvre_nn.network.perceptron import Perceptron
@@ -59,6 +60,7 @@ def figures(section):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", [wang1996_chapter3, wang1996_chapter4])
 def test_every_claim_that_fails_says_why(module):
     for claim in done(module).claims:
@@ -66,6 +68,7 @@ def test_every_claim_that_fails_says_why(module):
             assert claim.why, claim
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("module", "numbers"), [(wang1996_chapter3, range(2, 13)), (wang1996_chapter4, range(1, 18))])
 def test_every_figure_is_drawn_again(module, numbers):
     assert set(numbers) <= figures(done(module))
@@ -76,10 +79,13 @@ def test_every_figure_is_drawn_again(module, numbers):
 
 @pytest.mark.parametrize(
     ("ship", "chapter", "tables", "count"),
-    [
-        ("mariner", "3", ("Table 3.1", "Table 3.2"), 6 + 26 + 5),
-        ("great_lakes_bulker", "A", ("Table A.1", "Table A.2"), 6 + 21 + 3),
-    ],
+    mainly(
+        1,
+        [
+            ("mariner", "3", ("Table 3.1", "Table 3.2"), 6 + 26 + 5),
+            ("great_lakes_bulker", "A", ("Table A.1", "Table A.2"), 6 + 21 + 3),
+        ],
+    ),
 )
 def test_the_tables_of_both_ships_are_those_that_are_simulated(ship, chapter, tables, count):
     printed = read_claims("wang1996", chapter).at(*tables)
@@ -90,10 +96,13 @@ def test_the_tables_of_both_ships_are_those_that_are_simulated(ship, chapter, ta
 
 @pytest.mark.parametrize(
     ("ship", "chapter", "tables"),
-    [
-        ("mariner", "4", ("Table 4.1", "Eq 4.18")),
-        ("great_lakes_bulker", "A", ("Table A.3", "Table A.4", "Table A.5", "Eq")),
-    ],
+    mainly(
+        1,
+        [
+            ("mariner", "4", ("Table 4.1", "Eq 4.18")),
+            ("great_lakes_bulker", "A", ("Table A.3", "Table A.4", "Table A.5", "Eq")),
+        ],
+    ),
 )
 def test_the_estimated_coefficients_are_the_printed_ones_but_for_equation_4_18(ship, chapter, tables):
     printed = read_claims("wang1996", chapter).at(*tables)
@@ -104,7 +113,7 @@ def test_the_estimated_coefficients_are_the_printed_ones_but_for_equation_4_18(s
 
 @pytest.mark.parametrize(
     ("ship", "chapter", "tables"),
-    [("mariner", "4", "Tables 4.2 and 4.3"), ("great_lakes_bulker", "A", "Tables A.6 and A.7")],
+    mainly(1, [("mariner", "4", "Tables 4.2 and 4.3"), ("great_lakes_bulker", "A", "Tables A.6 and A.7")]),
 )
 def test_the_published_weights_hold_when_reordered_and_not_as_labelled(ship, chapter, tables):
     claims = read_claims("wang1996", chapter).at(tables).beside(wang1996_chapter4.weight_values(of(ship)))
@@ -112,6 +121,7 @@ def test_the_published_weights_hold_when_reordered_and_not_as_labelled(ship, cha
     assert all(c.ours > 100 for c in claims[::2])
 
 
+@pytest.mark.slow
 def test_the_loop_of_the_spiral_is_the_published_one_and_gone_with_long_holds():
     section = done(wang1996_chapter3)
     drawn = next(c for c in section.claims if c.where == "Fig 3.12")
@@ -129,6 +139,7 @@ def test_a_loop_between_two_known_branches_is_as_high_and_wide_as_they_are_apart
     assert wang1996_chapter3.loop(rudder, rate) == pytest.approx((0.4, 4.0))
 
 
+@pytest.mark.slow
 def test_a_step_of_1_s_does_no_harm_where_crossings_are_located():
     with unchecked():
         rows = wang1996_chapter3.step_rows(of("mariner").ship, 100.0)
@@ -156,6 +167,7 @@ def sailed():
         return flown(of("mariner"), networks, ["zz35", "tc25"])
 
 
+@pytest.mark.slow
 def test_levenberg_marquardt_fits_the_zigzag_many_times_closer_than_the_published_weights():
     ours, theirs = sailed()["ours"], sailed()["theirs"]
     assert ours.networks.errors.shape == (2, 3)
@@ -184,6 +196,7 @@ def test_a_sample_of_the_zigzag_is_mostly_at_full_rudder():
     assert claim.ours == "73% at >= 34 deg"
 
 
-def test_every_number_of_ours_is_a_number():
-    for module in (wang1996_chapter3, wang1996_chapter4):
-        assert all(isinstance(c.ours, str) or isfinite(c.ours) for c in done(module).claims)
+@pytest.mark.slow
+@pytest.mark.parametrize("module", [wang1996_chapter3, wang1996_chapter4])
+def test_every_number_of_ours_is_a_number(module):
+    assert all(isinstance(c.ours, str) or isfinite(c.ours) for c in done(module).claims)
