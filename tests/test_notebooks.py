@@ -74,6 +74,7 @@ def test_a_notebook_is_small_defines_nothing_and_shows_what_came_out_when_it_ran
     assert not re.search(r"/tmp/|/home/|/root/|/work/|Warning", printed(book)), "paths and warnings are nobody's"
 
 
+@pytest.mark.slow
 @pytest.mark.recordings
 @forms({
     "network.members=2": "network.members=1",
@@ -109,6 +110,7 @@ def test_the_wind_that_was_guessed_is_named_as_it_was(capsys, monkeypatch):
         assert abs((float(found) - float(was) + 180) % 360 - 180) < 2 * float(error)
 
 
+@pytest.mark.slow
 @forms({
     "network.members=8": "network.members=2",
     '"zz20", "tc25", "tc35_port"]': '{"zz20": {"duration": 200.0}}, {"tc25": {"duration": 200.0}}]',
@@ -118,6 +120,7 @@ def test_the_series_predicts_the_mariner_closer_than_networks_where_the_record_i
     assert (table["series"] < 0.5).all() and (table["networks"] > table["series"]).all()
 
 
+@pytest.mark.slow
 @forms({
     "STARTS, EPOCHS = 4, 200": "STARTS, EPOCHS = 1, 20",
     "(5, 20, 50, EPOCHS)": "(5, 20)",
@@ -131,6 +134,7 @@ def test_a_smaller_training_error_of_the_tanker_is_no_better_ship_outside_her_zi
     assert (found["dev/L zz10"] > 1).all()
 
 
+@pytest.mark.slow
 @forms({
     "network.members=8": "network.members=2",  # a whole zigzag: nothing shorter teaches networks the tanker
     "\nmodel.scores": "",
