@@ -13,6 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
+from tiers import mainly
 
 from manoeuvre_nn.core.ending import WATCH, Terminated, end_with_parent, explain, listen, one_line
 from manoeuvre_nn.core.errors import InputError
@@ -254,7 +255,7 @@ process.start(), process.join()
 }
 
 
-@pytest.mark.parametrize("begins", BEGINS_OTHERS.values(), ids=BEGINS_OTHERS)
+@pytest.mark.parametrize("begins", mainly(1, BEGINS_OTHERS.values()), ids=BEGINS_OTHERS)
 def test_a_process_that_another_began_ends_when_that_one_is_killed(begins):
     code = f"""
 import multiprocessing, os, time

@@ -153,6 +153,7 @@ def test_a_manoeuvre_that_is_recorded_already_tells_less_than_another():
     assert other.status == OK
 
 
+@pytest.mark.slow
 def test_members_that_have_the_truths_nodes_learn_the_truth():
     """Least squares finds its linear weights, wherever theirs were."""
     model, first = ensemble(), ensemble().network
@@ -171,6 +172,7 @@ def test_members_that_have_the_truths_nodes_learn_the_truth():
     assert found.now < 0.3 * apart and found.then < 0.3 * apart
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_advice(monkeypatch):
     monkeypatch.setattr(expected_error, "sail", sail)  # each time anew
     with unchecked():

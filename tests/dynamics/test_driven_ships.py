@@ -61,6 +61,7 @@ def test_wind_on_the_beam_pushes_to_leeward_and_mirrored_wind_to_the_other_side(
     np.testing.assert_allclose(starboard["y"], -port["y"], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_members_are_driven_like_the_model():
     ((first, *others),) = replay_members(model(members=4), [run(n=15.0, wind=2.0, origin=1.0)])
     (made,) = replay(model(members=4), [run(n=15.0, wind=2.0, origin=1.0)])

@@ -7,6 +7,7 @@ import pytest
 import torch
 from fleet import unchecked
 from pytest import approx
+from tiers import mainly
 
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.scaling import Scaling
@@ -139,7 +140,7 @@ def same(one, other) -> None:
         assert one[name] == approx(other[name], rel=1e-9, abs=1e-11), name
 
 
-@pytest.mark.parametrize("trials", [TRIALS, TRIALS[:1]])
+@pytest.mark.parametrize("trials", mainly(1, [TRIALS[:1], TRIALS]))
 def test_members_sail_together_as_each_would_alone(trials):
     model = ensemble()
     with unchecked():

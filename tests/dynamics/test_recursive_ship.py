@@ -154,7 +154,7 @@ def test_constants_of_the_forces_are_the_ships_over_powers_of_her_length():
 
 
 def test_gradients_of_the_unrolled_loop_are_those_of_its_differences():
-    model, course, steps = fitted([recording()], hidden=(4, 3), past=2, symmetric=True, wind=False)
+    model, course, steps = fitted([recording()], hidden=(3, 2), past=2, symmetric=True, wind=False)
     at = torch.tensor([0, 0]), torch.tensor([0, 20])
     look = course.controls.rows(at[0])
 

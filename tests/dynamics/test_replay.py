@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import torch
 from fleet import unchecked
+from tiers import mainly
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.limits import OK
@@ -96,7 +97,7 @@ def test_steps_are_as_long_as_they_may_be_and_end_at_samples(largest, per_sample
 
 
 @pytest.mark.parametrize(
-    "make, samples", [(mariner, 31), (mariner, 33), (mariner, 202), (esso_190k, 202), (container, 202)]
+    "make, samples", mainly(2, [(mariner, 31), (mariner, 33), (esso_190k, 202), (mariner, 202), (container, 202)])
 )
 def test_a_step_over_several_samples_leads_to_the_same_states_at_all_of_them(make, samples):
     """With a rudder that kinks at samples; a last step is shorter where they do not fill it."""

@@ -85,6 +85,7 @@ def test_the_smoother_does_little_harm_to_a_clean_zigzag(zz35, ship):
     assert max(errors(accelerations(known_to_be_of(ship, zz35)), zz35)) < 0.03
 
 
+@pytest.mark.slow
 def test_without_a_known_ship_cross_validation_adapts_to_the_noise(zz35):
     zz35 = replace(zz35, meta={})
     noisy = add_noise(zz35, {k: 0.005 * zz35[k].std() for k in ("u", "v", "r")})

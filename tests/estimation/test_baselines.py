@@ -104,6 +104,7 @@ def test_the_tankers_true_terms_sail_every_trial():
     assert max(missed(TANKER, "true terms", *trials)) < 1e-3
 
 
+@pytest.mark.slow
 def test_the_tankers_true_terms_hold_at_other_speeds_with_the_same_rpm():
     speed = 0.5 * ship_named(TANKER).particulars.speed
     trials = [replace(zigzag(20.0, duration=600.0), speed=speed)]

@@ -11,6 +11,7 @@ import yaml
 from fleet import ship_named, unchecked
 from noisy_zigzags import CHANNELS, FORCE, NOISE, errors, run_of, with_noise, zigzags
 from pytest import approx
+from tiers import mainly
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.scaling import Scaling
@@ -73,6 +74,7 @@ def test_nineteen_of_twenty_intervals_hold_the_true_coefficients(made, lacking):
         assert np.sqrt((sharp**2).mean()) == approx(1.0, abs=0.1)
 
 
+@pytest.mark.slow
 def test_intervals_of_the_tanker_hold_its_published_coefficients():
     runs = sailed("esso_190k", 3, 1.0)
     with unchecked():
@@ -88,7 +90,7 @@ CONSTANT = CoefficientForces([(k, "1") for k in range(3)], ones, np.zeros(3, dty
 """Accelerations that are the coefficients themselves."""
 
 
-@pytest.mark.parametrize("outliers", [False, True])
+@pytest.mark.parametrize("outliers", mainly(1, [True, False]))
 def test_standard_errors_are_right_with_and_without_outliers(outliers):
     """Least squares with Student's weights claims a sixth too much unless a sample counts as Fisher says."""
     random, found = np.random.default_rng(4), []
@@ -110,6 +112,7 @@ def noisy(tracks, seed=5):
     return [with_noise(t, NOISE, random.standard_normal) for t in tracks]
 
 
+@pytest.mark.slow
 def test_stretches_of_a_ship_of_these_products_agree_and_of_another_ship_do_not():
     """The tanker without cross-flow drag in sway and yaw is no tanker: stretches want coefficients of their own."""
     force, mean, spread = of_tanker()
@@ -123,7 +126,7 @@ def test_stretches_of_a_ship_of_these_products_agree_and_of_another_ship_do_not(
     assert 0.5 < ratios[0] < 1.6 and ratios[1] > 2 * ratios[0]
 
 
-@pytest.mark.parametrize("right", [True, False])
+@pytest.mark.parametrize("right", mainly(1, [True, False]))
 def test_a_floor_that_is_too_high_sinks_to_the_noise_of_the_sensors_if_the_model_is_right(right):
     """It was ten times the noise. The tanker without cross-flow drag in sway and yaw is no tanker, and keeps it."""
     force, mean, spread = of_tanker()

@@ -7,6 +7,7 @@ import pytest
 import torch
 from fleet import TRIALS, distance, rolled, ship_named, unchecked, without_offsets
 from pytest import approx
+from tiers import mainly
 
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.units import DEGREE
@@ -25,7 +26,7 @@ from manoeuvre_nn.effect.wind import SteadyWind, WindOnset
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 
-SOME_SHIPS = pytest.mark.parametrize("name", ["mariner", "great_lakes_bulker", "esso_190k"])
+MAINLY_ONE = pytest.mark.parametrize("name", mainly(1, ["esso_190k", "mariner", "great_lakes_bulker"]))
 SOME = (SteadyWind, TidalCurrent, RudderSlow, RudderBacklash, RudderOffset, PowerLimit, RollCoupling, WaveDrift,
         HeadingBias, RudderDelay, GpsDelay)  # fmt: skip
 """Effects of every site, with and without own states."""
@@ -54,7 +55,7 @@ def measured(record):
     return replace(record, meta={})
 
 
-@SOME_SHIPS
+@MAINLY_ONE
 def test_effects_at_their_null_leave_every_trial_as_it_is(name):
     ship = ship_named(name)
     null = [kind(ship) for kind in SOME]
@@ -70,7 +71,7 @@ def test_effects_at_their_null_leave_every_trial_as_it_is(name):
         assert distance(accurate(dynamics, short), accurate(CalmWater(ship), short)) < 1e-3
 
 
-@SOME_SHIPS
+@MAINLY_ONE
 def test_a_current_that_grows_evenly_moves_the_track_and_nothing_else(name):
     """By V t + c t^2 / 2, which fixed steps integrate exactly, the parts of steps at a reversal too."""
     tide = dict(speed=1.0, toward_deg=30.0, change=3.0)
@@ -90,7 +91,7 @@ def test_a_current_that_grows_evenly_moves_the_track_and_nothing_else(name):
         assert run["y"] - still["y"] == approx(drift * np.sin(30 * DEGREE), abs=error)
 
 
-@SOME_SHIPS
+@MAINLY_ONE
 def test_a_mirrored_wind_and_the_mirrored_zigzag_give_the_mirrored_track(name):
     calm = without_offsets(ship_named(name))
 
@@ -112,7 +113,7 @@ BLADES = [
 ]
 
 
-@pytest.mark.parametrize("name, blade", BLADES)
+@pytest.mark.parametrize("name, blade", mainly(1, BLADES))
 def test_the_batched_solution_is_the_accurate_one_with_wind_current_and_a_blade_of_its_own(name, blade):
     wind = (WindOnset, dict(speed=15.0, from_deg=60.0, start_s=20.0))
     dynamics = affected(name, wind, (TidalCurrent, {}), blade)
@@ -127,7 +128,7 @@ def test_the_batched_solution_is_the_accurate_one_with_wind_current_and_a_blade_
 
 
 @pytest.mark.parametrize(
-    "name, own", [("esso_190k", (PowerLimit, dict(rpm_slope=0.8))), ("mariner", (RollCoupling, {}))]
+    "name, own", mainly(1, [("esso_190k", (PowerLimit, dict(rpm_slope=0.8))), ("mariner", (RollCoupling, {}))])
 )
 def test_own_states_move_alike_in_both_solutions(name, own):
     dynamics = affected(name, own)

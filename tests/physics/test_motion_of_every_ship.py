@@ -2,6 +2,7 @@
 
 import copy
 from dataclasses import replace
+from itertools import product
 from math import inf, sqrt
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 import torch
 from fleet import SHIPS, TRIALS, coarse, rolled, ship_named, solved, without_offsets
 from pytest import approx
+from tiers import only
 
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics import rollout as rollout_module
@@ -22,10 +24,9 @@ from manoeuvre_nn.ship.tanker import TankerShip
 
 EVERY_SHIP = pytest.mark.parametrize("name", SHIPS)
 SOLVED = pytest.mark.parametrize(
-    "name",
-    [pytest.param(n, marks=[pytest.mark.slow] * (n in {"mariner_corrected", "mariner_chislett1965"})) for n in SHIPS],
+    "name, trial", only(set(product(("mariner", "esso_190k_shallow"), TRIALS)), product(SHIPS, TRIALS))
 )
-"""Of the three tables of the Mariner one is enough to compare solutions in."""
+"""A ship of each kind of equations is enough to compare solutions in."""
 
 
 def acceleration(ship, u, rudder=0.0):
@@ -115,7 +116,6 @@ def test_shallow_water_tends_to_deep_water_as_the_depth_grows():
 
 
 @SOLVED
-@pytest.mark.parametrize("trial", TRIALS)
 def test_the_batched_solution_is_the_accurate_one(name, trial):
     batched, accurate, half = rolled(name)[trial], solved(name, trial), rolled(name, parts=2)[trial]
     length = ship_named(name).particulars.length
@@ -127,7 +127,6 @@ def test_the_batched_solution_is_the_accurate_one(name, trial):
 
 
 @SOLVED
-@pytest.mark.parametrize("trial", TRIALS)
 def test_rudder_rate_and_stop_are_kept(name, trial):
     ship = ship_named(name).particulars
     for recording in (rolled(name)[trial], solved(name, trial)):

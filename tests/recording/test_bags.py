@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from logs import MIDNIGHT, write_bag, write_sensors
+from tiers import mainly
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.recording.propose.headings import assign, take_apart
@@ -19,7 +20,7 @@ pytest.importorskip("rosbags", reason='bags need the extra: pip install -e ".[ro
 HEADING = "/odom.pose.pose.orientation.heading [rad]"
 
 
-@pytest.mark.parametrize("name", ["run.bag", "run", "run_mcap", "run_mcap/run_mcap.mcap", "run/run.db3"])
+@pytest.mark.parametrize("name", mainly(3, ["run.bag", "run", "run_mcap/run_mcap.mcap", "run_mcap", "run/run.db3"]))
 def test_a_bag_is_proposed_and_read_as_it_was_sailed(zz20, ship, tmp_path, name):
     write_bag(tmp_path / name.partition("/")[0], zz20)
     path = tmp_path / name

@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from tiers import mainly
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.frames import body_to_earth
@@ -159,7 +160,7 @@ def test_a_rudder_with_the_wrong_sign_is_found(frame, found):
 
 
 @pytest.mark.parametrize("ship", [mariner(), esso_190k()], ids=lambda s: s.particulars.name)
-@pytest.mark.parametrize("side", ["starboard", "port"])
+@pytest.mark.parametrize("side", mainly(1, ["starboard", "port"]))
 def test_the_rudders_sign_is_found_in_a_turning_circle_of_a_stable_and_of_an_unstable_ship(ship, side):
     length = 15 * ship.particulars.time_unit
     turn = simulate(CalmWater(ship), turning_circle(25.0, side, duration=length))
@@ -176,6 +177,7 @@ def test_the_rudders_sign_is_found_among_spikes_of_the_yaw_rate(zz20, ship):
     assert rudder_sign(spoilt, ship) is not None
 
 
+@pytest.mark.slow
 def test_few_samples_do_not_give_the_rudders_sign_by_chance(ship):
     # The rudder is put over once: in ten samples the yaw rate, moved by the seaway, may answer to either side, however
     # slowly the ship turns to the right one in the end.

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from fleet import unchecked
 from pytest import approx
+from tiers import only
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
@@ -45,11 +46,7 @@ def faults(run: Recording, ship: str = "container") -> dict[str, dict[str, objec
 
 @pytest.mark.parametrize(
     "ship, trial",
-    [  # every ship in a zigzag, one in a circle, too
-        pytest.param(ship, trial, marks=() if trial == "zz20" or ship == "container" else pytest.mark.slow)
-        for ship in SHIPS
-        for trial in TRIALS
-    ],
+    only({("container", "zz20")}, [(ship, trial) for ship in SHIPS for trial in TRIALS]),
 )
 def test_a_good_record_of_heel_raises_nothing_and_each_fault_is_found(ship, trial):
     run = recorded(ship, trial)

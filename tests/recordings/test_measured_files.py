@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from fleet import unchecked
+from tiers import mainly
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.estimation.accelerations import accelerations
@@ -128,6 +129,7 @@ def test_smoothed_accelerations_integrate_back_to_the_recorded_velocities():
             assert np.std(back - record[name]) < 0.1 * np.std(record[name])
 
 
+@pytest.mark.parametrize("dataset", mainly(2, SETS))
 def test_the_proposed_mapping_reads_what_the_ready_one_reads(dataset):
     records, ship = plain(dataset)
     for record, known in ((records[0], None), (records[-1], ship)):
@@ -182,12 +184,14 @@ def sensors(name, fault):
     return [f for findings in found for f in findings if f.check == fault]
 
 
+@pytest.mark.slow
 def test_the_positions_of_the_pond_are_ahead_of_its_velocities_in_every_zigzag():
     found = sensors("esso-osaka-frt/zigzag", "delay of x, y")
     assert [f.verdict for f in found] == ["mend"] * 7
     assert all(abs(f.measured + 0.91) < 0.05 + 3 * f.error for f in found)
 
 
+@pytest.mark.slow
 def test_the_rate_of_turn_of_the_full_scale_records_has_an_offset():
     found = sensors("kvlcc2-marin-free", "offset of r")
     records, _ = plain("kvlcc2-marin-free")
@@ -196,6 +200,7 @@ def test_the_rate_of_turn_of_the_full_scale_records_has_an_offset():
         assert f.verdict == "mend" and f.measured == pytest.approx(drift, abs=6 * f.error)
 
 
+@pytest.mark.slow
 def test_the_records_of_the_towing_carriage_need_no_mending():
     records, ship = plain("kvlcc2-hsva-cpmc")
     with unchecked():

@@ -152,6 +152,7 @@ def test_without_way_on_the_ship_rolls_with_its_natural_period(make, given):
     assert float(rate(tensor(0.01, 0.0))[1]) == approx(-ratio * omega**2 * 0.01, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_she_heels_outward_in_a_turn_and_by_the_closed_form_of_a_steady_one():
     ship = container(screws=2, gm=1.0)
     (run,) = roll_out(CalmWater(ship), [replace(tactical_circle(20.0, approach=5.0), ship_lengths=25.0)])

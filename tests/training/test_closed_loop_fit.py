@@ -130,7 +130,12 @@ FIXED = replace(DEFAULT_SETTINGS, learn_force=False, learn_floor=False, force=(1
 
 @pytest.mark.parametrize(
     ("settings", "noise", "epochs", "kept"),
-    [(DEFAULT_SETTINGS, 1.0, 40, 3), (DEFAULT_SETTINGS, 0.1, 9, 5), (LATE, 1.0, 4, 2), (FIXED, 1.0, 4, 3)],
+    [
+        (DEFAULT_SETTINGS, 1.0, 40, 3),
+        pytest.param(DEFAULT_SETTINGS, 0.1, 9, 5, marks=pytest.mark.slow),
+        (LATE, 1.0, 4, 2),
+        pytest.param(FIXED, 1.0, 4, 3, marks=pytest.mark.slow),
+    ],
     ids=["until it rests", "past a change of the floor", "sensors' errors", "nothing learnt of the noise"],
 )
 def test_a_fit_that_was_killed_goes_on_as_if_it_had_not_been_bit_for_bit(settings, noise, epochs, kept, tmp_path):
@@ -205,6 +210,7 @@ def test_members_are_as_far_apart_as_runs_disagree():
     assert spread[1] > 1.2 * spread[0]
 
 
+@pytest.mark.slow
 def test_runs_at_two_speeds_are_one_model_that_knows_a_third():
     own = CalmWater(SHIP)
     u0 = SHIP.particulars.speed

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 import tiny
 import torch
+from tiers import mainly
 
 from benchmarks.robustness_fields import SPOILT, changed, places
 from manoeuvre_nn.core.errors import InputError
@@ -44,7 +45,7 @@ def endings(kind: str, every: int, tmp_path: Path) -> list[str]:
     return ended
 
 
-@pytest.mark.parametrize(("kind", "every"), [("levenberg_marquardt", 131), ("backprop", 151)])
+@pytest.mark.parametrize(("kind", "every"), mainly(1, [("backprop", 151), ("levenberg_marquardt", 131)]))
 def test_a_changed_field_is_refused_in_one_line_or_does_no_harm(kind, every, tmp_path):
     ended = endings(kind, every, tmp_path)
     assert ended.count("refused") > 0.5 * len(ended) > 4

@@ -66,6 +66,7 @@ def windows(model: RecursiveShip, runs=None, **changes) -> GrowingWindows:
     return GrowingWindows(model, runs or data().recordings, replace(SHORT, **changes))
 
 
+@pytest.mark.slow
 def test_the_network_that_sailed_the_runs_has_no_error_on_them():
     model = ship()
     windows(model)  # scales the network
@@ -189,6 +190,7 @@ def test_a_training_ends_with_its_last_stage_and_keeps_the_best_generalization(t
     assert same(kept, trained.fit)
 
 
+@pytest.mark.slow
 def test_held_out_runs_alone_may_choose(tmp_path):
     chosen = replace(SHORT, choose_by="held_out")
     _, scorer = tiny.train(fit(settings=chosen), tmp_path, data=data(), max_epochs=2, every=1)

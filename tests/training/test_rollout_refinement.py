@@ -51,6 +51,7 @@ def test_refined_weights_sail_as_the_recording_does():
     assert len(history) >= 3 and history[-1] < 1e-3 * history[0]
 
 
+@pytest.mark.slow
 def test_weights_that_are_right_stay_where_they_are():
     with unchecked():
         model, recordings, inputs = moved(by=0.0)
@@ -60,6 +61,7 @@ def test_weights_that_are_right_stay_where_they_are():
     assert history[0] < 1e-6  # the rudder is taken as straight between samples
 
 
+@pytest.mark.slow
 def test_a_strong_pull_keeps_the_first_fit():
     with unchecked():
         model, recordings, inputs = moved(by=2e-3)

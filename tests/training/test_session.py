@@ -12,6 +12,7 @@ import tiny
 import torch
 from fleet import unchecked
 from rich.console import Console
+from tiers import only
 from tiny import Each
 
 from manoeuvre_nn.core.errors import InputError
@@ -37,6 +38,7 @@ def test_a_resumed_run_equals_a_straight_one_bit_for_bit(make, tmp_path):
     assert not same(straight.fit, make())
 
 
+@pytest.mark.slow
 def test_a_run_resumed_from_a_file_in_another_folder_equals_a_straight_one(tmp_path):
     straight, _ = tiny.train(tiny.lm(), tmp_path / "straight", max_epochs=8)
     tiny.train(tiny.lm(), tmp_path / "before", max_epochs=6)
@@ -75,6 +77,7 @@ def test_patience_counts_scores_and_not_epochs(tmp_path):
     assert all(min(scores[k - 2 : k]) < min(scores[: k - 2]) for k in range(3, len(scores)))
 
 
+@pytest.mark.slow
 def test_patience_survives_a_resumption(tmp_path):
     straight, _ = tiny.train(tiny.lm(), tmp_path / "straight", max_epochs=60, patience=2)
     tiny.train(tiny.lm(), tmp_path / "broken", max_epochs=straight.epochs - 3, patience=2)
@@ -90,7 +93,11 @@ STOPPED = {
 }
 
 
-@pytest.mark.parametrize(("make", "settings"), STOPPED.values(), ids=STOPPED)
+@pytest.mark.parametrize(
+    ("make", "settings"),
+    only([STOPPED[k] for k in STOPPED if k != "by a stopping rule"], STOPPED.values()),
+    ids=STOPPED,
+)
 def test_a_training_that_had_stopped_when_it_was_killed_is_not_trained_any_further(make, settings, tmp_path):
     common = {"max_epochs": 60, "every": 2, "keep": "last"} | settings
     done, _ = tiny.train(make(), tmp_path, **common)
