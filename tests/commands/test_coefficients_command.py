@@ -84,6 +84,7 @@ def test_a_run_of_train_py_leaves_its_coefficients(run):
     assert fitted_from(stored["fitted"]).symbols == tuple(names)
 
 
+@pytest.mark.slow
 def test_coefficients_of_a_run_are_told_again_without_a_fit_and_beside_captive_tests(run, tests_file, tmp_path):
     stored, said = told(
         tmp_path, f"run={run}", f"captive.file={tests_file / 'tests.csv'}", f"captive.mapping={tests_file / 'map.yaml'}"

@@ -70,7 +70,8 @@ def diagnose(capsys, out: Path, *words: str, terminal: bool = False) -> Ended:
 
 @pytest.fixture(scope="module")
 def recordings(tmp_path_factory) -> Path:
-    runs = dict(zip(["zz1", "tc1", "zz2"], map(to_starboard, sailed(*CURRENT)), strict=False))
+    tables = (to_starboard(table[::2]) for table in sailed(*CURRENT))
+    runs = dict(zip(["zz1", "tc1", "zz2"], tables, strict=False))
     return write_runs(tmp_path_factory.mktemp("recordings"), runs)
 
 

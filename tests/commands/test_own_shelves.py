@@ -188,6 +188,7 @@ def on_the_page_alone(monkeypatch) -> None:
         monkeypatch.setattr(f"manoeuvre_nn.commands.{command}.save_figures", lambda figures, folder: {})
 
 
+@pytest.mark.slow
 def test_an_own_fit_trains_the_networks_that_its_class_names_by_command_and_from_python(
     own, tmp_path, on_the_page_alone
 ):

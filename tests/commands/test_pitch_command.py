@@ -147,6 +147,7 @@ def test_a_task_has_a_config_of_its_own():
         task_of(["task=heave"], "train")
 
 
+@pytest.mark.slow
 def test_a_sweep_sets_the_errors_of_its_jobs_side_by_side(cli, tmp_path, fast):
     ended = cli("-m", *TINY, "network.hidden=2,3", "out=sweep", "hydra/launcher=basic")
     assert ended.code == 0, ended.err

@@ -136,6 +136,7 @@ def test_other_settings_in_the_same_folder_are_refused(done, cli):
     assert numbers(done) == before
 
 
+@pytest.mark.slow
 def test_the_same_command_in_another_folder_gives_the_same_numbers(done, cli, fast, tmp_path):
     torch.manual_seed(12345)
     np.random.seed(12345)  # noqa: NPY002  whatever depends on the global random state would differ now

@@ -143,6 +143,7 @@ def test_members_that_are_the_truth_expect_no_deviation_and_learn_nothing():
     assert [(p.now < 1e-6, p.then < 1e-6) for p in found] == [(True, True)] * 2
 
 
+@pytest.mark.slow
 def test_a_manoeuvre_that_is_recorded_already_tells_less_than_another():
     with unchecked():
         same, other = prospects(ensemble(), recorded(), CANDIDATES, TARGETS, effort=EFFORT)
@@ -227,6 +228,7 @@ def test_a_run_repeated_divides_standard_errors_by_the_root_of_two(whole):
     assert found.per_minute == pytest.approx(60 * found.gain / found.seconds)
 
 
+@pytest.mark.slow
 def test_what_sensors_make_of_a_candidate_is_what_is_learnt_from():
     """Each truth's run is handed to the recorder as the data were recorded, and noise costs gain."""
     seen, known = [], clarke_part(mariner())

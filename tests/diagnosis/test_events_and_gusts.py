@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 import torch
 from pytest import approx
-from tiers import mainly
 from trials import CALM, CIRCLE, NOISE, PORT, SHIP, STEP, ZIGZAG, run_of, runs, sailed, values
 
 from manoeuvre_nn.diagnosis import event_blocks
@@ -85,9 +84,8 @@ def test_gusts_are_found_with_their_size_and_a_steady_wind_gains_nothing_by_them
             assert found.evidence > steady.evidence + 20 and abs(value - true) < 2 * error < 1.2
 
 
-@pytest.mark.parametrize(
-    "speeds, change, tidal", mainly(1, [((0.4, 0.6, -0.1), 1.0, True), ((0.5, 0.5, 0.5), 0.0, False)])
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("speeds, change, tidal", [((0.4, 0.6, -0.1), 1.0, True), ((0.5, 0.5, 0.5), 0.0, False)])
 def test_a_tide_is_told_by_its_change_and_the_speed_of_each_run_where_runs_show_them(speeds, change, tidal):
     made = []
     for seed, (trial, speed) in enumerate(zip((CIRCLE, ZIGZAG, PORT), speeds, strict=True)):

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from sailed import sailed, write_runs
-from tiers import mainly
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.recording import Recording
@@ -67,10 +66,10 @@ def test_a_heading_goes_on_through_a_hole_by_whole_turns(gyro, rate):
     np.testing.assert_allclose(heading_across(Recording("turn", time, channels))["psi"], psi, atol=1e-9)
 
 
-@pytest.mark.parametrize("others", mainly(1, [[], [RudderOffset(SHIP)]]))
-def test_a_diagnosis_bridges_holes_and_free_runs_end_where_the_rudder_is_lost(tmp_path, unchecked_types, others):
+@pytest.mark.slow
+def test_a_diagnosis_bridges_holes_and_free_runs_end_where_the_rudder_is_lost(tmp_path, unchecked_types):
     case = case_of(tmp_path, cut_out)
-    d = diagnose(Question(case, CalmWater(case.hull), [Current(SHIP), *others]))
+    d = diagnose(Question(case, CalmWater(case.hull), [Current(SHIP), RudderOffset(SHIP)]))
     speed, toward = d.causes[0].parameters
     assert d.model == ["current"] and d.rmse("after")["pos"] < 2.0
     assert abs(speed.value - 0.4) < 3 * speed.error and abs(toward.value - 60.0) < 3 * toward.error

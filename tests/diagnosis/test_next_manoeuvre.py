@@ -101,6 +101,7 @@ def test_hypotheses_that_act_alike_are_told_apart_by_no_run():
     assert len(runs) > 40 and all(expected == approx(0.0, abs=1e-9) for expected, _ in runs)
 
 
+@pytest.mark.slow
 def test_a_run_never_tells_less_and_the_most_telling_stands_first():
     gains = [expected for expected, _ in ranked(stand("straight", CURRENT), CURRENT, COMPASS)]
     assert min(gains) >= 0 and gains == sorted(gains, reverse=True) and gains[0] > 3

@@ -85,6 +85,7 @@ def test_two_threads_that_share_out_tasks_each_get_their_own_results(monkeypatch
     assert got == {"a": ["A0", "A1", "A2"], "b": ["B0", "B1", "B2"]}
 
 
+@pytest.mark.slow  # shares of work in processes of their own, above, and pairs in one
 def test_two_processes_find_what_one_finds():
     stand = whitened_data_set(CALM, runs([replace(trial, duration=60.0) for trial in (CIRCLE, ZIGZAG)], ACTING))
     once, twice = (search(stand, [type(e)(SHIP) for e in ACTING], workers=n) for n in (1, 2))

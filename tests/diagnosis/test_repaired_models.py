@@ -185,6 +185,7 @@ def test_runs_without_and_with_corrections_side_by_side_are_those_of_each_model(
     assert abs(alone[0]["psi"].iloc[-1] - corrected[0]["psi"].iloc[-1]) > 0.5
 
 
+@pytest.mark.slow
 def test_effects_on_the_hull_run_on_the_corrected_ship_beside_the_published_one():
     effects = [DisplacementChange(SHIP, factor=1.5), RudderAreaLoss(SHIP, fraction=0.3)]
     h = Hypothesis(tuple(effects), tuple(values(e) for e in effects))

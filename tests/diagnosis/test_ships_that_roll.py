@@ -8,7 +8,6 @@ import pytest
 import torch
 from fleet import unchecked
 from pytest import approx
-from tiers import mainly
 
 from manoeuvre_nn.commands.simulate import as_sensed
 from manoeuvre_nn.core.errors import InputError
@@ -171,7 +170,8 @@ def test_the_wind_on_a_ship_that_rolls_is_named_with_its_parameters():
     assert proof.rmse_after["pos"] < 0.2 * proof.rmse_before["pos"]
 
 
-@pytest.mark.parametrize("tried", mainly(1, [1, 3]))
+@pytest.mark.slow
+@pytest.mark.parametrize("tried", [1, 3])
 def test_calm_recordings_of_a_ship_that_rolls_raise_no_alarm(tried):
     runs = [as_sensed(add_noise(r, NOISE, seed=k)) for k, r in enumerate(sailed([ZIGZAGS[0], CIRCLES[0]]))]
     with unchecked():

@@ -159,6 +159,7 @@ def test_only_trained_members_sail():
     assert len(runs) == 2
 
 
+@pytest.mark.slow
 def test_members_are_driven_along_recordings_as_each_would_be_alone():
     model = ensemble()
     with unchecked():

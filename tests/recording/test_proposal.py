@@ -117,6 +117,7 @@ def test_a_rate_of_turn_in_degrees_a_minute_is_decided_by_the_heading_whatever_i
     )
 
 
+@pytest.mark.slow
 def test_noise_does_not_turn_the_axes(zz20, ship, export):
     stream = np.random.default_rng(1)
     sd = {"u": 0.05, "v": 0.05, "r": 5e-4, "x": 1.0, "y": 1.0, "psi": 3e-3, "delta": 3e-3}

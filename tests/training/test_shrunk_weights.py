@@ -18,6 +18,7 @@ def fit(*, bayesian: bool, hidden: int = 8, **settings) -> LevenbergMarquardtFit
     return LevenbergMarquardtFit(response(network), bayesian=bayesian, **given)
 
 
+@pytest.mark.slow
 def test_shrunk_weights_foretell_better_what_few_noisy_records_do_not_tell():
     plain, shrunk = fit(bayesian=False), fit(bayesian=True)
     trained(plain, 10, 60, NOISE)

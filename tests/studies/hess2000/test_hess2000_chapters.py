@@ -97,7 +97,8 @@ def test_the_printed_cells_agree_with_their_scales_and_6608_weights_with_56_node
     assert [c.what for c in found.claims if c.where == "Tables 4 to 6" and c.verdict != "holds"] == []
 
 
-@pytest.mark.parametrize("table", ["T5", pytest.param("T6", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("table", ["T5", "T6"])
 def test_every_table_in_miniature(monkeypatch, runs, table):
     monkeypatch.setattr(tables, "run_set", lambda *_: runs)
     monkeypatch.setattr(training, "QUICK_UPDATES", 4)

@@ -41,6 +41,7 @@ def test_runs_of_all_speeds_in_one_batch_are_those_sailed_alone(ship):
             assert run[name] == approx(alone[name][first:], rel=1e-9, abs=1e-12), name
 
 
+@pytest.mark.slow
 def test_each_run_has_its_own_wind(ship):
     manoeuvre = replace(overshoot(10.0, cycles=0.5), speed=12.0 * KNOT, duration=90.0)
     runs = sail(ship, [PlannedRun(manoeuvre, 12.0, 10.0), PlannedRun(manoeuvre, 6.0, 190.0)])

@@ -45,6 +45,7 @@ def test_table_2_read_as_tanh_nodes_gives_g_below_the_papers_tolerance():
     assert again < error < read_claims("rajesh2009", "T2").limits["tolerance_15"]
 
 
+@pytest.mark.slow
 def test_table_2_as_labelled_does_not_give_g():
     """Whatever the order of the weights and the signs: the large output weights cancel between odd nodes only."""
     assert min(e for r, (e, _) in readings().items() if r.activation == "sigmoid") > 1000

@@ -163,12 +163,14 @@ def test_a_network_says_none_of_a_clean_case(learnt):
     assert found.probabilities["rudder_offset"] < 0.5
 
 
+@pytest.mark.slow
 def test_where_unknown_is_most_probable_it_is_said(learnt):
     found = judge_by_network(case_with(OFFSET), learnt, FEW)
     strange = replace(found, rest=found.evidence.misfit)
     assert strange.verdict(Limits(6.0, found.evidence.misfit - 1.0)) == "unknown"
 
 
+@pytest.mark.slow
 def test_what_was_learnt_comes_back_from_its_file(learnt, tmp_path):
     neural.save(learnt, tmp_path / "model.pt")
     back = neural.load(tmp_path / "model.pt")

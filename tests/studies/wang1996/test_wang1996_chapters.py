@@ -176,6 +176,7 @@ def test_levenberg_marquardt_fits_the_zigzag_many_times_closer_than_the_publishe
     assert theirs.dev["tc25"][0] == pytest.approx(0.087, abs=0.01)
 
 
+@pytest.mark.slow
 def test_the_middling_run_is_the_one_with_the_median_deviation():
     flight = sailed()["ours"]
     worse = int(np.argmax(flight.dev["tc25"]))

@@ -31,6 +31,7 @@ def offs() -> dict:
     return {row["coefficients"]: row for row in table}
 
 
+@pytest.mark.slow
 def test_every_row_of_the_tables_has_its_claims():
     assert [sum(r.equation == e for r in ROWS) for e in "XYN"] == [15, 22, 22]
     assert len(claims(", estimated")) == len(ROWS)
@@ -39,6 +40,7 @@ def test_every_row_of_the_tables_has_its_claims():
     assert len(claims("Clarke")) == sum(r.clarke is not None for r in ROWS) + 5
 
 
+@pytest.mark.slow
 def test_of_the_nondimensional_values_all_but_two_slips_follow_from_the_dimensional_ones():
     wrong = {c.what.split(",")[0] for c in claims("nondimensional").values() if c.verdict != "holds"}
     assert wrong == {f"{e}_{t}" for e, t in SLIPS} == {"Y_vdd", "Y_uv"}
@@ -46,10 +48,12 @@ def test_of_the_nondimensional_values_all_but_two_slips_follow_from_the_dimensio
     assert claims("Y_uv, nondimensional")["Table 5.2", "Y_uv, nondimensional"].ours == approx(-0.0954, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_clarkes_columns_are_met():
     assert {c.verdict for c in claims("Clarke").values()} == {"holds"}
 
 
+@pytest.mark.slow
 def test_exact_g_gives_the_true_terms_and_the_originals_but_for_one_wrong_sign():
     assert {c.verdict for c in claims("exact g, largest error").values()} == {"holds"}
     assert [c.ours for c in claims("terms kept of exact g").values()] == ["exactly the true terms"]
@@ -57,11 +61,13 @@ def test_exact_g_gives_the_true_terms_and_the_originals_but_for_one_wrong_sign()
     assert wrong == ["Y_vvd, original; ours from exact g"] and ("Y", "vvd") in ORIGINAL_SLIPS
 
 
+@pytest.mark.slow
 def test_estimated_and_original_cannot_be_compared_at_unlike_inertia():
     (claim,) = claims("estimated and original").values()
     assert "-0.0845" in claim.why and "-0.0555" in claim.why
 
 
+@pytest.mark.slow
 def test_the_zigzag_fits_with_the_thesis_coefficients_and_better_with_ours():
     found = offs()
     assert found["thesis, as printed"]["worst"] < 0.2
@@ -70,6 +76,7 @@ def test_the_zigzag_fits_with_the_thesis_coefficients_and_better_with_ours():
     assert found["ours, networks' g"]["median"] < found["thesis, slips corrected"]["median"]
 
 
+@pytest.mark.slow
 def test_the_published_networks_give_the_thesis_large_surge_terms():
     found = claims("published networks' g, the thesis' terms")
     for term in ("vv", "vr", "vd", "uu", "0"):
@@ -78,10 +85,12 @@ def test_the_published_networks_give_the_thesis_large_surge_terms():
     assert [len(t) for t in THESIS_TERMS.values()] == [10, 10, 11]
 
 
+@pytest.mark.slow
 def test_whatever_does_not_hold_says_why():
     assert all(c.why for c in section().claims if c.verdict == "does not hold")
 
 
+@pytest.mark.slow
 def test_every_figure_is_drawn_with_numbers():
     plots = {p.name: p for p in section().plots}
     assert list(plots) == [f"figure_5_{k}" for k in range(13, 20)]
@@ -91,11 +100,13 @@ def test_every_figure_is_drawn_with_numbers():
     assert plots["figure_5_19"].panels[0].equal
 
 
+@pytest.mark.slow
 def test_the_rudder_is_drawn_positive_to_port():
     *_, rudder = next(p for p in section().plots if p.name == "figure_5_14").panels
     assert rudder.lines[0].y[30] == approx(-35.0)
 
 
+@pytest.mark.slow
 def test_condition_numbers_and_intervals_are_in_the_tables():
     titles = list(section().tables)
     assert titles[:3] == ["Table 5.1: surge", "Table 5.2: sway", "Table 5.3: yaw"]
@@ -106,6 +117,7 @@ def test_condition_numbers_and_intervals_are_in_the_tables():
     assert exact == approx([219.2, 195.6, 195.6], rel=0.01)
 
 
+@pytest.mark.slow
 def test_who_waits_is_told_what_is_done():
     section()
     assert len(SAID) == 4 and "6 networks" in SAID[1]
