@@ -164,6 +164,7 @@ def test_backpropagation_on_a_tanker_runs_too(cli, fast, tmp_path):
     assert np.isfinite(scores(tmp_path / "run")["mean_dev_L"])
 
 
+@pytest.mark.slow
 def test_a_run_in_wind_and_current_says_so_and_is_judged_in_them_too(cli, fast, tmp_path, done):
     ended = cli(*TINY, "effect=[wind_steady,current]", "effect.wind_steady.speed=12")
     assert ended.code == 0, ended.err

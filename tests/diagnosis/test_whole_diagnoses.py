@@ -146,6 +146,7 @@ def test_what_effects_gain_alone_is_told_from_what_corrected_coefficients_gain()
     assert f"({alone:.3g} m with published coefficients)" in d.sentence
 
 
+@pytest.mark.slow
 def test_an_event_that_no_held_out_run_had_is_named_by_the_run_that_had_it():
     """What it predicts of other runs is calm water, which neither proves nor refutes it."""
     push = SideForce(SHIP, force_kN=250.0, lever_m=20.0, start_s=70.0, end_s=140.0)

@@ -8,7 +8,6 @@ import pytest
 import torch
 from fleet import unchecked
 from pytest import approx
-from tiers import mainly
 
 from manoeuvre_nn.core.effect import Situation
 from manoeuvre_nn.core.inputs import Inputs
@@ -55,7 +54,8 @@ def pair(gm: float, coupling: dict[str, float]) -> tuple[FourDegreeShip, FourDeg
 CASES = [(0.3, {"N_phi": -0.01}), (1.0, {"N_phi": 0.012, "N_rrphi": -0.08, "N_p": 0.003})]
 
 
-@pytest.mark.parametrize("gm, coupling", mainly(1, CASES), ids=["linear", "turning"])
+@pytest.mark.slow
+@pytest.mark.parametrize("gm, coupling", CASES, ids=["linear", "turning"])
 def test_a_ship_whose_heel_turns_it_as_the_effect_says_moves_as_the_upright_one_with_the_effect(gm, coupling):
     rolls, upright = pair(gm, coupling)
     trials = [zigzag(20.0, duration=200.0), turning_circle(30.0, duration=200.0)]

@@ -84,6 +84,7 @@ def test_the_network_that_sailed_the_runs_has_no_error_on_them():
     assert float(again.loss(rows, 0 * rows, steps=None, track=0.1)) > 1e-2
 
 
+@pytest.mark.slow
 def test_a_window_of_one_step_is_teacher_forcing():
     made = windows(ship(), weights={"u": 1.0})
     rows, k = torch.tensor([0, 0, 1]), torch.tensor([0, 7, 12])

@@ -61,6 +61,7 @@ def test_what_an_answer_claims_is_its_model_or_what_is_likely():
     assert claimed({"verdict": "none", "effects": entries}) == []
 
 
+@pytest.mark.slow
 def test_stated_parameters_alone_close_the_gap_whatever_the_predictions_do(recordings, tmp_path):
     truth, case = truth_of("pair"), recordings / "c_pair"
     put(tmp_path / "right", perfect(truth), case, ())

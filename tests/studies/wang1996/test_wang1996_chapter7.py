@@ -120,17 +120,20 @@ def test_twenty_autocorrelations_in_waves_at_45_degrees_come_near(channel, span,
     assert decay_rate(mean, STEP) == approx(rate, rel=0.03)
 
 
+@pytest.mark.slow
 def test_what_the_source_gives_as_its_numbers_is_met():
     for text in ("amplitude at .65", "significant height of the spectrum", "wave length"):
         assert [c.verdict for c in claims(text)] == ["holds"]
 
 
+@pytest.mark.slow
 def test_rates_come_back_from_autocorrelations_without_waves_within_a_ten_thousandth():
     free = claims("without waves", "Eqs 7.31") + claims("without waves", "Eqs 7.45")
     assert len(free) == 6
     assert all(c.verdict == "holds" and abs(c.difference) < 1e-4 for c in free)
 
 
+@pytest.mark.slow
 def test_a_single_record_serves_where_the_waves_hardly_move_the_ship_and_nowhere_else():
     assert claims("a22, one record, 90 deg", "7.5")[0].verdict == "holds"
     assert claims("a11, one record, 45 deg", "7.5")[0].verdict == "holds"
@@ -138,6 +141,7 @@ def test_a_single_record_serves_where_the_waves_hardly_move_the_ship_and_nowhere
         assert claims(text, "7.5")[0].verdict == "does not hold"
 
 
+@pytest.mark.slow
 def test_averaging_the_records_beats_averaging_their_autocorrelations():
     rows = section().tables["Simplest system: rates from waves [1/s], spread over seas"]
 
@@ -149,6 +153,7 @@ def test_averaging_the_records_beats_averaging_their_autocorrelations():
         assert error(rate, angle, "20 records") < 0.7 * error(rate, angle, "20 autocorrelations")
 
 
+@pytest.mark.slow
 def test_every_figure_of_the_chapter_is_drawn_once():
     names = [p.name for p in section().plots]
     assert len(names) == len(set(names))
@@ -158,6 +163,7 @@ def test_every_figure_of_the_chapter_is_drawn_once():
             assert all(np.isfinite(line.y).all() and line.x.shape == line.y.shape for line in panel.lines)
 
 
+@pytest.mark.slow
 def test_every_claim_that_does_not_hold_says_why():
     assert all(c.why for c in section().claims if c.verdict != "holds")
     assert all(not isinstance(c.ours, float) or np.isfinite(c.ours) for c in section().claims)
