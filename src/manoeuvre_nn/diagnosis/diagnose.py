@@ -166,13 +166,12 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         left.insert(0, claim)  # or what may take its place
     likeliest = max(known.values(), key=lambda t: t.evidence, default=None)
     if likeliest and likeliest.likelier and not likeliest.helped:
-        sailed = repaired_check(question, tried, likeliest.fitted, likeliest.there)
-        of_it = checking.checks(tried, likeliest.fitted)
-        if sailed.passed:
+        free = repaired_check(question, tried, likeliest.fitted, likeliest.there)
+        if free.passed:
             why = "; free runs of this ship may go so far astray, and the log evidence alone would raise an alarm"
             check = replace(likeliest.check, passed=True, text=likeliest.check.text + why)
             told = [check if t is likeliest else t.check for t in known.values()]
-            return likeliest.fitted, likeliest.proofs, [*told, sailed, *of_it]
+            return likeliest.fitted, likeliest.proofs, [*told, free, *checking.checks(tried, likeliest.fitted)]
     # Nothing is missing, but coefficients may be off within their scatter.
     corrected = prove(question, none, none.hypothesis, proofs) if proofs else []
     better = _cost(question, [p.rmse_after for p in corrected]) < before
