@@ -13,6 +13,7 @@ def test_the_first_few_are_run_by_default_and_none_is_lost():
     cases = mainly(1, ["a", ("b", 2), pytest.param("c", id="third", marks=pytest.mark.recordings)])
     assert cases[0] == "a" and names(cases) == ["", "slow", "recordings slow"]
     assert [case.values for case in cases[1:]] == [("b", 2), ("c",)] and cases[2].id == "third"
+    assert mainly(0, [("wind",)])[0].values == (("wind",),), "a tuple of one is a value"
 
 
 def test_those_that_are_kept_are_run_by_default_and_none_is_lost():

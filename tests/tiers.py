@@ -19,4 +19,5 @@ def only(kept: Collection[Any], cases: Iterable[Any]) -> list[Any]:
 def _slow(case: Any) -> Any:
     if hasattr(case, "marks"):  # a pytest.param
         return pytest.param(*case.values, marks=[*case.marks, pytest.mark.slow], id=case.id)
-    return pytest.param(*(case if isinstance(case, tuple) else (case,)), marks=pytest.mark.slow)
+    several = isinstance(case, tuple) and len(case) > 1  # one value that is a tuple stands for itself
+    return pytest.param(*(case if several else (case,)), marks=pytest.mark.slow)

@@ -85,7 +85,7 @@ def test_of_runs_of_the_right_ship_nothing_is_asked_whatever_acts_on_her():
     """Coefficients off by 4 %, and beside them a side force in turns that no calm water has, or one without a rule."""
     even = Stranger(0.6, "Y", lambda s: in_tight_turns(SHIP, s)["r"].abs())
     for acting, random in (((even,), ()), ((), ((0.4, "N", 20.0),))):
-        tried = calm_only(asked(strange_runs(3, *acting, random=random)))
+        tried = calm_only(asked(strange_runs(3, *acting, random=random, step=2.0)))
         check = right_ship_check(tried, short_formula(tried.likelihood, tried.none))
         assert check.passed, (acting, random, check.text)
 
@@ -93,7 +93,7 @@ def test_of_runs_of_the_right_ship_nothing_is_asked_whatever_acts_on_her():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [3, 4, 5])
 def test_a_ship_whose_coefficients_are_off_by_far_more_than_their_scatter_is_called_in_question(seed):
-    tried = calm_only(asked(strange_runs(seed, scatter=0.3)))
+    tried = calm_only(asked(strange_runs(seed, scatter=0.3, step=2.0)))
     assert not right_ship_check(tried, short_formula(tried.likelihood, tried.none)).passed
 
 
