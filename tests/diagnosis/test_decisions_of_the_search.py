@@ -15,7 +15,7 @@ from manoeuvre_nn.diagnosis import fits
 from manoeuvre_nn.diagnosis import search as under_test
 from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL, single
 from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS
-from manoeuvre_nn.diagnosis.result import Check
+from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.diagnosis.search import search
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.depth import ShallowWater
@@ -334,9 +334,8 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(
         monkeypatch.setattr(proving, name, made)
     failed = {claims[0].names: [Check(name, False, "") for name in poor if name != REPAIRED_SAILS]}
     monkeypatch.setattr(proving.checking, "checks", lambda _, j: failed.get(j.names, []))
-    return proving._proved(
-        Mock(workers=1, case=Mock(held_out=[1])), SimpleNamespace(likelihood=Mock(), none=none), claims
-    )
+    asked, tried = Mock(workers=1, case=Mock(held_out=[1])), SimpleNamespace(likelihood=Mock(), none=none)
+    return proving._proved(asked, tried, claims, Check(RIGHT_SHIP, RIGHT_SHIP not in poor, ""))
 
 
 @pytest.mark.parametrize("gain, chosen", [(13.5, "log_scale"), (12.5, "current")])
@@ -349,17 +348,20 @@ def test_what_fitted_runs_leave_open_held_out_ones_settle(monkeypatch, gain, cho
     assert len(checks) == 3, "six behind is no rival"
 
 
-ALL_THREE = (checking.ON_BOUNDS, checking.LEFT, REPAIRED_SAILS)
+ALL_THREE, ELSEWHERE = (checking.ON_BOUNDS, checking.LEFT, REPAIRED_SAILS), (checking.ON_BOUNDS, RIGHT_SHIP)
 
 
-@pytest.mark.parametrize("poor", [ALL_THREE, ALL_THREE[:2], ALL_THREE[1:], ALL_THREE[::2]])
+@pytest.mark.parametrize("poor", [ALL_THREE, ALL_THREE[:2], ALL_THREE[1:], ALL_THREE[::2], ELSEWHERE, ELSEWHERE[1:]])
 @pytest.mark.parametrize("gap", [2.0, 9.0])
 def test_a_claim_that_is_only_the_nearest_gives_way_to_the_next(monkeypatch, poor, gap):
-    """At the end of its range, with as much left, and free runs that miss: it takes all three. A rival or no rival."""
-    claims = [fit(120.0, "current"), fit(120.0 - gap, "log_scale")]
-    found, _, checks = proved(monkeypatch, claims, {("current",): 30.0, ("log_scale",): 20.0}, {}, poor=poor)
-    assert found.names == (("log_scale",) if poor == ALL_THREE else ("current",))
-    assert (not checks[0].passed and "as much is left" in checks[0].text) == (poor == ALL_THREE)
+    """At the end of its range, with as much left, and free runs that miss, or another ship. A rival or no rival."""
+    claims, gains = [fit(120.0, "current"), fit(120.0 - gap, "log_scale")], {("current",): 30.0, ("log_scale",): 20.0}
+    found, _, checks = proved(monkeypatch, claims, gains, {}, poor=poor)
+    refused = poor in (ALL_THREE, ELSEWHERE)
+    assert (found.names, checks[0].passed) == ((("log_scale",), False) if refused else (("current",), True))
+    assert ("at an end of what is possible" in checks[0].text) == refused
+    if poor == ELSEWHERE:
+        assert proved(monkeypatch, claims[:1], gains, {}, poor=poor)[0].names == (), "gains alone are no proof of it"
 
 
 @pytest.mark.parametrize("one_too_many, chosen", [

@@ -14,7 +14,7 @@ from manoeuvre_nn.diagnosis import decision as under_test
 from manoeuvre_nn.diagnosis.decision import PRIOR_NONE, PRIOR_OF_SIZE, PRIOR_UNKNOWN, Decision, settled
 from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL
 from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS
-from manoeuvre_nn.diagnosis.result import Check
+from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.diagnosis.search import worth_its_size
 from manoeuvre_nn.diagnosis.unknown import ReceiverWander
 from manoeuvre_nn.effect.roll import RollCoupling
@@ -319,7 +319,7 @@ def test_a_formula_that_is_four_standard_deviations_off_what_is_published_fails_
     form = next(p for p in effect.declared if p.name == "N_p")
     h = Hypothesis((effect,), (effect.values.numpy()[None].copy(),))
     h.values[0][0, effect.declared.index(form)] = sds * form.spread
-    check = checks._off_bounds(replace(fitted(0.0, "current"), hypothesis=h))
+    check = checks._as_published(replace(fitted(0.0, "current"), hypothesis=h))
     assert check.passed is passed and ("N_p by 4.1" in check.text) is not passed
 
 
@@ -362,11 +362,18 @@ def test_effects_within_nine_of_twice_the_log_evidence_are_reported_together(mon
     ([[]], {REPAIRED_SAILS}, False),
     ([[0, 1]], {checks.ON_BOUNDS, checks.LEFT}, False),
     ([[]], {checks.ON_BOUNDS, checks.LEFT, REPAIRED_SAILS}, True),
+    ([[]], {checks.FORM, checks.LEFT, REPAIRED_SAILS}, True),
+    ([[]], {checks.ON_BOUNDS, RIGHT_SHIP}, True),  # the end of what is possible is not enough for another ship
+    ([[]], {RIGHT_SHIP, checks.LEFT, REPAIRED_SAILS}, False),
+    ([[0, 1]], {RIGHT_SHIP, checks.LEFT}, False),
+    ([[]], {RIGHT_SHIP, checks.FORM}, False),  # a large effect of another form changes all coefficients
     ([], {REPAIRED_SAILS}, False),
 ])  # fmt: skip
-def test_events_alone_must_sail_the_held_out_runs_and_other_effects_need_not(timed, failed, nearest):
+def test_what_is_only_the_nearest_to_something_else_is_told_by_two_or_three_tests_of_events_alone_by_one(
+    timed, failed, nearest
+):
     """With times of their own in every run they come near to any force in runs that were fitted."""
-    names = (checks.ON_BOUNDS, checks.LEFT, REPAIRED_SAILS)
+    names = (checks.ON_BOUNDS, checks.FORM, checks.LEFT, REPAIRED_SAILS, RIGHT_SHIP)
     made = [Check(name, name not in failed, "") for name in names]
     effects = [SimpleNamespace(timed=columns) for columns in timed]
     claim = SimpleNamespace(names=("some",) * len(effects), hypothesis=SimpleNamespace(effects=effects))

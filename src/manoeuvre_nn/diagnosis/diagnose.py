@@ -115,23 +115,24 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
 def _decided(question: Question, tried: SearchResult) -> "tuple[Decision, Proved]":
     """What may be claimed and what of it was proved; whether calm water could have sailed the runs, and this ship."""
     verdict = decide(tried)
-    chosen, proofs, checks = _proved(question, tried, verdict.claims)
     if is_fitted(question.dynamics):
-        return verdict, (chosen, proofs, checks)
+        return verdict, _proved(question, tried, verdict.claims)
+    ship = right_ship_check(tried, verdict.formula)
+    chosen, proofs, checks = _proved(question, tried, verdict.claims, ship)
     if not verdict.mismatch(chosen):
         check = calm_check(question, tried)
         if not check.passed:
             verdict = verdict.without_calm_water(tried)
-            chosen, proofs, checks = _proved(question, tried, verdict.claims)
+            chosen, proofs, checks = _proved(question, tried, verdict.claims, ship)
         checks = [check, *checks]
-    return verdict, (chosen, proofs, [right_ship_check(tried, verdict.formula), *checks])
+    return verdict, (chosen, proofs, [ship, *checks])
 
 
 Proved = tuple[FittedHypothesis, list[Proof], list[Check]]
 """A hypothesis, the held-out runs predicted with it, and the tests that it and the claims before it were put to."""
 
 
-def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypothesis]) -> Proved:
+def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypothesis], *before_it: Check) -> Proved:
     """The first claim that predicts runs which it has not seen better; calm water if none does."""
     none, known = tried.none, dict[int, _Tried]()
     proofs = prove(question, none, none.hypothesis)
@@ -158,11 +159,11 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         best = max((t for t in put([claim, *rivals]) if t.helped), key=lambda t: t.evidence)
         sailed = [repaired_check(question, tried, best.fitted, best.there)] if question.case.held_out else []
         of_best = [*sailed, *checking.checks(tried, best.fitted)]
-        why = checking.only_nearest(best.fitted, of_best)
+        why = checking.only_nearest(best.fitted, [*of_best, *before_it])
         if not why:
             return best.fitted, best.proofs, [*(t.check for t in known.values()), *of_best]
         key = next(k for k, t in known.items() if t is best)
-        known[key] = replace(best, check=Check(GAIN, False, f"{best.check.text}; {why}"))
+        known[key] = replace(best, check=Check(GAIN, False, f"{best.check.text}; {why}"), likelier=False)
         left.insert(0, claim)  # or what may take its place
     likeliest = max(known.values(), key=lambda t: t.evidence, default=None)
     if likeliest and likeliest.likelier and not likeliest.helped:
