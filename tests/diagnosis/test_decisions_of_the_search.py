@@ -271,22 +271,16 @@ def test_the_form_of_an_effect_is_fitted_at_each_start_of_its_size_first():
         assert fits._in_form(likelihood, start, 6, 2).fixed == frozenset() and asked == fixed
 
 
+ONE, TWO, RULE = ("current",), ("current", "log_scale"), ("formula",)
 PROVED = [  # effects, model was fitted, gain in fitted runs, in held-out ones, growth of the error; whether it is named
-    (("current",), False, 5.5, 2.3, 1.0, False),
-    (("current",), False, 5.5, 2.7, 1.0, True),
-    (("current",), False, 30.0, -4.8, 1.0, True),
-    (("current",), False, 30.0, -5.2, 1.0, False),
-    (("current",), False, 30.0, 9.0, 1.04, True),
-    (("current",), False, 30.0, 7.5, 1.06, False),
-    (("current",), False, 30.0, 8.5, 1.06, True),  # enough for an alarm by itself, whatever free runs do
-    (("current",), True, 30.0, 2.8, 1.0, False),  # the errors of a fitted model may look like an effect
-    (("current",), True, 30.0, 3.2, 1.0, True),
-    (("current",), True, 30.0, 9.2, 1.01, False),  # nor may free runs of it get worse
-    (("formula",), False, 30.0, 2.8, 1.0, False),
-    (("formula",), False, 30.0, 3.2, 1.0, True),
-    (("current", "log_scale"), False, 9.5, 4.2, 1.0, False),
-    (("current", "log_scale"), False, 9.5, 4.8, 1.0, True),
-]
+    (ONE, False, 5.5, 2.3, 1.0, False), (ONE, False, 5.5, 2.7, 1.0, True), (ONE, False, 30.0, -4.8, 1.0, True),
+    (ONE, False, 30.0, -5.2, 1.0, False), (ONE, False, 30.0, 9.0, 1.04, True), (ONE, False, 30.0, 7.5, 1.06, False),
+    (ONE, False, 30.0, 8.5, 1.06, True),  # enough for an alarm by itself, whatever free runs do
+    # The errors of a fitted model may look like an effect, nor may free runs of it get worse.
+    (ONE, True, 30.0, 2.8, 1.0, False), (ONE, True, 30.0, 3.2, 1.0, True), (ONE, True, 30.0, 9.2, 1.01, False),
+    (RULE, False, 30.0, 2.8, 1.0, False), (RULE, False, 30.0, 3.2, 1.0, True), (TWO, False, 9.5, 4.2, 1.0, False),
+    (TWO, False, 9.5, 4.8, 1.0, True),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("names, trained, fitted, held_out, growth, named", PROVED)
@@ -388,13 +382,19 @@ def test_an_effect_is_not_refuted_by_coefficients_that_do_not_hold_in_other_runs
 @pytest.mark.parametrize("poor, formula, trained, named", [
     ((), -3.0, False, True), ((REPAIRED_SAILS,), -3.0, False, False), ((), 3.0, False, False), ((), -3.0, True, False)
 ])  # fmt: skip
-def test_where_free_runs_stray_what_sails_the_held_out_runs_and_is_likeliest_is_named(
-    monkeypatch, poor, formula, trained, named
-):
-    """Twice as far, with 20 in log evidence of the held-out runs; a formula that strays as far has less or more."""
+def test_where_free_runs_stray_what_is_likeliest_and_sails_is_named(monkeypatch, poor, formula, trained, named):
+    """Twice as far, with 20 in log evidence of held-out runs; a formula that strays as far has less or more."""
     claims, strayed = [fit(120.0, "wind_gusty"), fit(120.0 + formula, "formula")], (4.0, 4.0)
     gains, errors = dict.fromkeys([c.names for c in claims], 20.0), dict.fromkeys([c.names for c in claims], strayed)
     found, proofs, checks = proved(monkeypatch, claims, gains, errors, trained, poor=poor)
     assert (found.names, checks[0].passed) == ((("wind_gusty",), True) if named else ((), False))
     assert proofs[0].rmse_after["cost"] == (4.0 if named else 2.0)
     assert ("would raise an alarm" in checks[0].text) == named and not checks[1].passed
+
+
+@pytest.mark.parametrize("formula, chosen", [(20.0, "formula"), (-20.0, "side_force")])
+def test_events_that_do_not_sail_stand_again_where_nothing_else_passes(monkeypatch, formula, chosen):
+    claims, said = [fit(120.0, "side_force"), fit(115.0, "formula")], {("side_force",): checking.ANY_FORCE}
+    monkeypatch.setattr(proving.checking, "only_nearest", lambda j, checks: said.get(j.names, ""))
+    found, _, checks = proved(monkeypatch, claims, {("side_force",): 30.0, ("formula",): formula}, {})
+    assert found.names == (chosen,) and checks[0].passed == (chosen == "side_force")

@@ -18,6 +18,8 @@ MAX_FORM_SDS = 4.0
 """Prior standard deviations by which an uncertain part of a formula may be off: chance exceeds it in one of 16,000."""
 ON_BOUNDS, FORM, LEFT = "parameters off their bounds", "the formula is as published", "little is left"
 """Names of three tests."""
+ANY_FORCE = "events at any times come near to any force, and held-out runs are not sailed with these"
+"""Why a claim gives way that stands again where nothing else passes."""
 INDISTINGUISHABLE = 9.0
 """Expected gap, twice the log evidence, below which two effects are reported together."""
 
@@ -46,7 +48,7 @@ def only_nearest(claim: FittedHypothesis, checks: Sequence[Check]) -> str:
     if failed & {ON_BOUNDS, FORM} and {LEFT, REPAIRED_SAILS} <= failed:
         return "its numbers are at an end of what is possible or published, and as much is left as in calm water"
     if REPAIRED_SAILS in failed and claim.names and all(effect.timed for effect in claim.hypothesis.effects):
-        return "events at any times come near to any force, and held-out runs are not sailed with these"
+        return ANY_FORCE
     return ""
 
 

@@ -146,7 +146,7 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         known.update(zip(map(id, new), made, strict=True))
         return [known[id(c)] for c in some]
 
-    left = list(claims)
+    left, second_best = list(claims), None
     while left:
         claim = left.pop(0)
         (asked,) = put([claim])
@@ -162,6 +162,8 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         why = checking.only_nearest(best.fitted, [*of_best, *before_it])
         if not why:
             return best.fitted, best.proofs, [*(t.check for t in known.values()), *of_best]
+        if why == checking.ANY_FORCE and second_best is None:
+            second_best = best.fitted, best.proofs, [*(t.check for t in known.values()), *of_best]
         key = next(k for k, t in known.items() if t is best)
         known[key] = replace(best, check=Check(GAIN, False, f"{best.check.text}; {why}"), likelier=False)
         left.insert(0, claim)  # or what may take its place
@@ -173,6 +175,8 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
             check = replace(likeliest.check, passed=True, text=likeliest.check.text + why)
             told = [check if t is likeliest else t.check for t in known.values()]
             return likeliest.fitted, likeliest.proofs, [*told, free, *checking.checks(tried, likeliest.fitted)]
+    if second_best:
+        return second_best
     # Nothing is missing, but coefficients may be off within their scatter.
     corrected = prove(question, none, none.hypothesis, proofs) if proofs else []
     better = _cost(question, [p.rmse_after for p in corrected]) < before
