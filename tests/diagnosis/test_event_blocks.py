@@ -17,7 +17,7 @@ EDGES = np.arange(0.0, 101.0, 10.0)
 @pytest.mark.parametrize("may_last", [False, True])
 def test_times_of_an_event_have_a_flat_prior_and_last_two_blocks(may_last):
     blocks = event_blocks.Blocks(EDGES, np.zeros((1, 10)), np.zeros((1, 10, 10)), (1.0, 1.0))
-    gates = blocks.gates(may_last, 0.0)
+    gates = blocks.intervals(may_last, 0.0)
     length = np.diff(gates.times, axis=1)[:, 0]
     assert logsumexp(gates.prior) == approx(0.0, abs=1e-12) and length.min() == 20.0
     assert len(gates.times) == 10 * 9 / 2 and np.isinf(length).sum() == (9 if may_last else 0)
@@ -29,7 +29,7 @@ def test_times_of_an_event_have_a_flat_prior_and_last_two_blocks(may_last):
 
 def test_what_builds_up_for_minutes_begins_and_goes_on():
     blocks = event_blocks.Blocks(EDGES, np.zeros((1, 10)), np.zeros((1, 10, 10)), (1.0, 1.0))
-    gates = blocks.gates(True, 60.0)
+    gates = blocks.intervals(True, 60.0)
     assert np.isinf(gates.times[:, 1]).all()
     (begun,) = gates.shares[gates.times[:, 0] == 50.0]
     assert begun == approx(np.clip((EDGES[:-1] + 5.0 - 50.0) / 60.0 + 0.5, 0.0, 1.0))
@@ -65,7 +65,7 @@ def test_an_interval_is_added_or_cut_out_of_another(there, more, sign, after):
 
 def test_two_intervals_are_two_blocks_apart_and_a_hole_two_from_the_ends():
     times = np.array([[0.0, 20.0], [0.0, 30.0], [60.0, 80.0], [80.0, 100.0], [90.0, 100.0], [50.0, 60.0]])
-    gates = event_blocks.Gates(times, np.zeros((6, 1)), np.zeros(6))
+    gates = event_blocks.Intervals(times, np.zeros((6, 1)), np.zeros(6))
     (sign, beside), (hole_sign, holes) = windows._allowed(gates, ((40.0, 70.0),))
     assert (sign, beside.tolist()) == (1.0, [True, False, False, False, True, False])
     assert hole_sign == -1.0 and not holes.any()

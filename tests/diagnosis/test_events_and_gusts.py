@@ -113,7 +113,7 @@ def test_an_event_is_looked_for_in_what_another_effect_leaves():
     assert found[:, 2:4] != approx(alone[:, 2:4], abs=1.0)
     # What was made before, for other company or other noise, changes nothing.
     assert found == approx(next(EventGrid(likelihood, PUSH).best_windows(*level, given)), rel=1e-9)
-    cut = event_blocks.cut_into_blocks(likelihood.data_set, 0, PUSH, values(PUSH, 1))
+    cut = event_blocks.block_columns(likelihood.data_set, 0, PUSH, values(PUSH, 1))
     for noise in (0, likelihood.start_level):
         white = likelihood.data_set.at(noise).white[0]
         anew = white.embed(cut.columns)

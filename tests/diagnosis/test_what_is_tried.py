@@ -92,7 +92,7 @@ class Columned:
 @pytest.mark.parametrize("duration, sizes, block", [
     (300.0, 1, 10.0), (900.0, 1, 10.0), (1800.0, 1, 20.0), (300.0, 2, 10.0), (360.0, 2, 10.0), (1800.0, 2, 50.0),
 ])  # fmt: skip
-def test_a_run_is_cut_into_blocks_of_ten_seconds_ninety_for_one_force_and_thirty_six_for_a_grid_at_most(
+def test_a_run_is_block_columns_of_ten_seconds_ninety_for_one_force_and_thirty_six_for_a_grid_at_most(
     monkeypatch, duration, sizes, block
 ):
     monkeypatch.setattr(event_blocks, "write_times", lambda effect, values, times: None)
@@ -106,7 +106,7 @@ def test_a_run_is_cut_into_blocks_of_ten_seconds_ninety_for_one_force_and_thirty
     data_set = Mock(unit=np.ones(3), runs=[SimpleNamespace(linearised=linearised)])
     data_set.at = lambda level: SimpleNamespace(white=[white], base=[Columned(3)])
     data_set.nuisance_sd = lambda scatter, runs: np.ones(2)
-    cut = event_blocks.cut_into_blocks(data_set, 0, Mock(), np.zeros((sizes, 4)))
+    cut = event_blocks.block_columns(data_set, 0, Mock(), np.zeros((sizes, 4)))
     made = event_blocks._blocks(data_set, 0, cut, (0, 0), None)
     assert np.diff(made.edges)[:-1] == approx(block) and made.edges[[0, -1]] == approx([0.0, duration])
     assert made.scales == ((1.0, 1.0) if sizes == 1 else event_blocks.SCALES)

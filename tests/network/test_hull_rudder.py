@@ -8,6 +8,7 @@ import torch
 from fleet import unchecked
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.limits import MAX_SEED
 from manoeuvre_nn.network.hull_rudder import MIN_SPEED_PRIME, HullRudder, HullRudderSettings
 
 KINDS = [
@@ -275,6 +276,7 @@ def test_first_weights_are_those_of_seed_member_and_trial_whoever_asks():
         for k in (0, 1)
         for trial in (0, 1, 2)
     ]
+    others += [HullRudder(HullRudderSettings(6, 1), seed=MAX_SEED - k).drawn(0) for k in (0, 1)]  # of the largest, too
     free = [weights[network.sees] for weights in others]
     assert all((a != b).all() for a, b in itertools.combinations(free, 2))
     assert network.output_weights.abs().max() == 0.0

@@ -70,3 +70,8 @@ def is_sensible(value: Any, largest: float | int = LARGEST_NUMBER) -> bool:
         False if it is NaN, infinite, larger, or so near to 0 that 0 is meant.
     """
     return NumberLimits(-largest, largest).hold(value) and (value == 0 or abs(value) >= SMALLEST_NUMBER)
+
+
+def as_seed(number: int) -> int:
+    """A whole number that is derived from a seed, within what torch and numpy take; those within it as they are."""
+    return number % (MAX_SEED + 1)

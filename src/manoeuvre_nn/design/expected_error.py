@@ -12,7 +12,7 @@ from torch import Tensor
 from manoeuvre_nn.core.channels import MOTION
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.inputs import Inputs
-from manoeuvre_nn.core.limits import MAX_SEED
+from manoeuvre_nn.core.limits import as_seed
 from manoeuvre_nn.core.manoeuvre import Manoeuvre
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.terminal import Say
@@ -191,7 +191,7 @@ class _MemberTruths:
         """What would be learnt from a member's run, as long as it stays in the physical range."""
         alive = run.times < run.ended[truth]
         times, states, rudder = run.times[alive], run.states[truth, alive], run.rudders[truth, alive]
-        seed = (self.effort.seed * 1_009 + truth) % (MAX_SEED + 1)
+        seed = as_seed(self.effort.seed * 1_009 + truth)
         if self.record is not None:
             channels = dict(zip(MOTION, [*states.T.numpy(), rudder.numpy()], strict=True))
             meta = {"time_unit": self.model.particulars.time_unit}

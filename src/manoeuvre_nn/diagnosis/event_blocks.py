@@ -37,7 +37,7 @@ Times = tuple[tuple[float, float], ...]
 
 
 @dataclass(frozen=True)
-class Cut:
+class BlockColumns:
     """What an event would add in each block of a run, before anything is said of the noise and of what is measured.
 
     Attributes:
@@ -75,7 +75,7 @@ class Blocks:
     gram: Float[np.ndarray, "k count count"]
     scales: tuple[float, float]
 
-    def gates(self, may_last: bool, ramp: float) -> "Gates":
+    def intervals(self, may_last: bool, ramp: float) -> "Intervals":
         """All intervals, and all starts without an end where the event may last; with a long ramp only these."""
         start, end = np.triu_indices(len(self.edges), MIN_BLOCKS)
         lasts = (end == len(self.edges) - 1) & may_last
@@ -90,7 +90,7 @@ class Blocks:
             prior = np.where(
                 lasts, np.log(1 - STOPS) - np.log(lasts.sum()), np.log(STOPS) - np.log(max((~lasts).sum(), 1))
             )
-        return Gates(times, rise - fall, prior)
+        return Intervals(times, rise - fall, prior)
 
     def ratios(
         self, row: int | slice, gates: Float[np.ndarray, "m count"], there: Float[np.ndarray, " count"] | None = None
@@ -105,7 +105,7 @@ class Blocks:
 
 
 @dataclass(frozen=True)
-class Gates:
+class Intervals:
     """Intervals that are tried.
 
     Attributes:
@@ -120,7 +120,7 @@ class Gates:
 
 
 def in_blocks(
-    likelihood: MarginalLikelihood, cuts: Sequence[Cut], noise: tuple[int, int], given: Hypothesis | None
+    likelihood: MarginalLikelihood, cuts: Sequence[BlockColumns], noise: tuple[int, int], given: Hypothesis | None
 ) -> list[Blocks]:
     """All runs in blocks, each with its own rows of values."""
     data_set = likelihood.data_set
@@ -130,7 +130,7 @@ def in_blocks(
     return [_blocks(data_set, run, cut, low, there) for run, cut in enumerate(cuts)]
 
 
-def cut_into_blocks(data_set: WhitenedDataSet, run: int, effect: Effect, rows: Float[np.ndarray, "k p"]) -> Cut:
+def block_columns(data_set: WhitenedDataSet, run: int, effect: Effect, rows: Float[np.ndarray, "k p"]) -> BlockColumns:
     """A run cut into blocks."""
     linearised = data_set.runs[run].linearised
     time, step = linearised.run.time, linearised.run.step
@@ -147,11 +147,11 @@ def cut_into_blocks(data_set: WhitenedDataSet, run: int, effect: Effect, rows: F
     moved = np.zeros((len(time) - 1, courses.shape[1], parts, count))
     moved[np.arange(len(time) - 1), :, :, which] = courses
     none = np.zeros((len(time), len(linearised.states.channels), parts * count))
-    return Cut(edges, Columns(none, moved.reshape(*moved.shape[:2], -1)), shares)
+    return BlockColumns(edges, Columns(none, moved.reshape(*moved.shape[:2], -1)), shares)
 
 
 def _blocks(
-    data_set: WhitenedDataSet, run: int, cut: Cut, noise: tuple[int, int], given: HypothesisColumns | None
+    data_set: WhitenedDataSet, run: int, cut: BlockColumns, noise: tuple[int, int], given: HypothesisColumns | None
 ) -> Blocks:
     """A run in blocks, coefficients and latency taken out."""
     here, shares, count = data_set.at(noise[0]), cut.shares, len(cut.edges) - 1

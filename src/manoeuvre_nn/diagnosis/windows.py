@@ -18,9 +18,9 @@ from manoeuvre_nn.diagnosis.event_blocks import (
     LONG_RAMPS,
     MIN_BLOCKS,
     Blocks,
-    Gates,
+    Intervals,
     Times,
-    cut_into_blocks,
+    block_columns,
     in_blocks,
     write_times,
 )
@@ -50,7 +50,7 @@ class EventGrid:
         """Take the runs and the effect."""
         self._likelihood, self._effect, self._rows = likelihood, effect, _grid(effect)
         runs = likelihood.data_set.runs
-        self._cuts = [cut_into_blocks(likelihood.data_set, run, effect, self._rows) for run in range(len(runs))]
+        self._cuts = [block_columns(likelihood.data_set, run, effect, self._rows) for run in range(len(runs))]
 
     def best_windows(
         self, level: int, scatter: int, given: Hypothesis | None = None
@@ -70,7 +70,7 @@ class EventGrid:
         seldom, once = np.log(NUMBER_OF_INTERVALS[:2])
         found = []
         for long in (_ramp(effect, rows[0]), *(LONG_RAMPS if _may_last(effect) and any(ramp) else ())):
-            each = np.array([_evidence(b, slice(None), b.gates(_may_last(effect), long)) for b in blocks])
+            each = np.array([_evidence(b, slice(None), b.intervals(_may_last(effect), long)) for b in blocks])
             total = np.logaddexp(seldom, once + each).sum(axis=0)
             found += [(float(total[k]), k, long) for k in range(len(rows))]
         seen: set[tuple[float, ...]] = set()
@@ -85,7 +85,7 @@ class EventGrid:
             sets = [_sets_of_times(b, k, effect, long) for b in blocks]
             chosen = [s[-1] if len(s) > 1 else () for s in sets]
             if not any(chosen):
-                gates = [b.gates(_may_last(effect), long) for b in blocks]
+                gates = [b.intervals(_may_last(effect), long) for b in blocks]
                 best = int(np.argmax([_evidence(b, k, g) for b, g in zip(blocks, gates, strict=True)]))
                 chosen[best] = _best(blocks[best], k, gates[best])
             for run, times in enumerate(chosen):
@@ -110,7 +110,7 @@ def replaced(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int,
         if not effect.timed:
             continue
         given = best.without(k)
-        cuts = [cut_into_blocks(likelihood.data_set, run, effect, row[None]) for run, row in enumerate(best.values[k])]
+        cuts = [block_columns(likelihood.data_set, run, effect, row[None]) for run, row in enumerate(best.values[k])]
         blocks = in_blocks(likelihood, cuts, (level, scatter), given if given.effects else None)
         ramp = _ramp(effect, best.values[k][0])
         sets = [_sets_of_times(b, 0, effect, ramp, every=True) for b in blocks]
@@ -187,12 +187,12 @@ def _grid(effect: Effect) -> Float[np.ndarray, "k p"]:
     return np.array(list(product(*axes)), dtype=float)
 
 
-def _evidence(blocks: Blocks, row: int | slice, gates: Gates) -> Float[np.ndarray, "*k"]:
+def _evidence(blocks: Blocks, row: int | slice, gates: Intervals) -> Float[np.ndarray, "*k"]:
     """Log Bayes factor of one interval against none."""
     return logsumexp(blocks.ratios(row, gates.shares) + gates.prior, axis=-1)
 
 
-def _best(blocks: Blocks, row: int, gates: Gates) -> Times:
+def _best(blocks: Blocks, row: int, gates: Intervals) -> Times:
     """The one interval that explains most."""
     k = int((blocks.ratios(row, gates.shares) + gates.prior).argmax())
     start, end = gates.times[k].tolist()
@@ -201,7 +201,7 @@ def _best(blocks: Blocks, row: int, gates: Gates) -> Times:
 
 def _sets_of_times(b: Blocks, row: int, effect: Effect, ramp: float, every: bool = False) -> list[Times]:
     """None, one, then more intervals as long as another one is worth its prior; with ``every``, once at least."""
-    gates, most = b.gates(_may_last(effect), ramp), min(len(effect.timed) // 2, MAX_INTERVALS)
+    gates, most = b.intervals(_may_last(effect), ramp), min(len(effect.timed) // 2, MAX_INTERVALS)
     found: list[Times] = [()]
     there = np.zeros(gates.shares.shape[1])
     for number in range(1, most + 1):
@@ -223,7 +223,7 @@ def _sets_of_times(b: Blocks, row: int, effect: Effect, ramp: float, every: bool
     return found
 
 
-def _allowed(gates: Gates, there: Times) -> Iterator[tuple[float, Bool[np.ndarray, " m"]]]:
+def _allowed(gates: Intervals, there: Times) -> Iterator[tuple[float, Bool[np.ndarray, " m"]]]:
     """Intervals beside those that there are, and holes within them."""
     start, end = gates.times.T
     gap = MIN_BLOCKS * BLOCK

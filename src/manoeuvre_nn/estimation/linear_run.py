@@ -216,11 +216,6 @@ class RunEquations:
         return prior + noise + float(np.log(self.units).sum()) * len(self.observed)
 
     @cached_property
-    def _sharpness(self) -> Float[np.ndarray, "nc 1"]:
-        """One over the standard deviation of each sample's noise."""
-        return np.sqrt(self.precision).reshape(-1, 1)
-
-    @cached_property
     def _seen(self) -> Float[np.ndarray, "n c s"]:
         """Derivatives of the samples in units of their noise."""
         return np.sqrt(self.precision)[..., None] * self.observed * self.units
@@ -262,7 +257,7 @@ class RunEquations:
         if c not in self._weighted:
             samples, steps, root = self._equations
             (seen, shows), (pushed, moves) = _entering(c.measured), _entering(c.moved)
-            rows = [_Rows(self._sharpness * seen, shows), _Rows(-(root @ pushed), moves)]
+            rows = [_Rows(np.sqrt(self.precision).reshape(-1, 1) * seen, shows), _Rows(-(root @ pushed), moves)]
             pull = np.zeros((len(self.observed) * len(self.start), c.count), order="F")  # as LAPACK has it
             for equations, (values, at) in zip((samples, steps), rows, strict=True):
                 pull[:, at] += equations @ values

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from torch import Tensor, nn
 
 from manoeuvre_nn.core.errors import InputError, check_choice
-from manoeuvre_nn.core.limits import MAX_SEED, Factor, Weight
+from manoeuvre_nn.core.limits import Factor, Weight, as_seed
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.numerics.semilinear import SemiLinear
 
@@ -142,8 +142,8 @@ class HullRudder(Network):
 
     def drawn(self, member: int, trial: int = 0, dtype: torch.dtype | None = None) -> Float[Tensor, "h w"]:
         """First weights of a member at a start of some number; 0 where a node does not see."""
-        seed = (self._seed * 1_009 + trial) * 1_000_003 + member
-        generator = torch.Generator().manual_seed(seed % (MAX_SEED + 1))
+        seed = as_seed((self._seed * 1_009 + trial) * 1_000_003 + member)
+        generator = torch.Generator().manual_seed(seed)
         drawn = self._spread * torch.randn(self.sees.shape, generator=generator, dtype=torch.float64)
         return torch.where(self.sees.cpu(), drawn, 0.0).to(dtype or self.input_weights.dtype).to(self.sees.device)
 

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from manoeuvre_nn import __version__
 from manoeuvre_nn.core.errors import InputError
-from manoeuvre_nn.core.limits import MAX_SEED, Share
+from manoeuvre_nn.core.limits import Share, as_seed
 from manoeuvre_nn.core.network import Network
 from manoeuvre_nn.core.response import Response
 from manoeuvre_nn.dynamics.model import IdentifiedShip
@@ -203,7 +203,7 @@ class BackpropFit(Fit):
         """Sample numbers of each iteration of an epoch; the order depends on seed and epoch alone."""
         if self.batch_size is None or self.batch_size >= count:
             return [None] * self.iterations_per_epoch
-        generator = torch.Generator().manual_seed((self.seed * 1_000_003 + self.current_epoch) % (MAX_SEED + 1))
+        generator = torch.Generator().manual_seed(as_seed(self.seed * 1_000_003 + self.current_epoch))
         needed = self.iterations_per_epoch * self.batch_size
         passes = -(-needed // count)
         order = torch.cat([torch.randperm(count, generator=generator) for _ in range(passes)])[:needed]

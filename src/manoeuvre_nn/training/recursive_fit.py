@@ -12,7 +12,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from manoeuvre_nn.core.limits import MAX_SEED
+from manoeuvre_nn.core.limits import as_seed
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.dynamics.recursive import RecursiveShip
 from manoeuvre_nn.dynamics.replay import replay
@@ -107,7 +107,7 @@ def generalization(model: RecursiveShip, runs: Sequence[Recording]) -> dict[str,
 
 def _seed(seed: int, epoch: int) -> int:
     """Seed of an epoch's windows: it depends on nothing else, so that a resumed run draws the same."""
-    return (seed * 1_000_003 + epoch) % (MAX_SEED + 1)
+    return as_seed(seed * 1_000_003 + epoch)
 
 
 class RecursiveFit(Fit):
