@@ -164,6 +164,7 @@ def test_the_disturbance_of_the_sample_is_named_as_it_was_made(form, monkeypatch
     assert abs(found[name]["speed"] - made["speed"]) < 1.0 and abs(found[name]["from_deg"] - made["from_deg"]) < 1.5
 
 
+@pytest.mark.slow
 @forms({'"strip_theory"': '"closed_form"'})
 def test_a_good_test_on_the_grid_says_nothing_of_the_pitch_between(form):
     published, informed = run_here(book_of("pitch_s175", form))["errors"].values()

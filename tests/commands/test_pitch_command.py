@@ -156,6 +156,7 @@ def test_a_sweep_sets_the_errors_of_its_jobs_side_by_side(cli, tmp_path, fast):
     assert (tmp_path / "sweep" / "sweep.png").is_file()
 
 
+@pytest.mark.slow
 def test_a_genetic_search_finds_a_structure_by_the_records_kept_for_validation(cli, tmp_path, fast):
     pytest.importorskip("hydra_plugins.hydra_optuna_sweeper")
     words = ("experiment=structure", "hydra.sweeper.n_trials=2", "out=search", "hydra/launcher=basic")

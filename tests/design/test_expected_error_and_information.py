@@ -136,6 +136,7 @@ def as_the_first_made_it(model: IdentifiedShip) -> Tuples:
     return replace(few, targets=model.scaling.restore(forces))
 
 
+@pytest.mark.slow
 def test_members_that_are_the_truth_expect_no_deviation_and_learn_nothing():
     model = alike(ensemble())
     with unchecked():

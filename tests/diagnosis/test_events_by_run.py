@@ -210,6 +210,7 @@ def slow_wind() -> tuple[MarginalLikelihood, FittedHypothesis, FittedHypothesis]
     return fitted(WindOnset(SHIP), campaign([wind(210.0, 180.0), wind(180.0, 180.0)]))
 
 
+@pytest.mark.slow
 def test_a_wind_that_sets_in_over_three_minutes_is_found_with_its_ramp():
     _, none, found = slow_wind()
     assert found.evidence > none.evidence + 50

@@ -88,6 +88,7 @@ def test_a_side_force_that_follows_the_rudder_late_has_its_memory():
     assert closed(d) > 0.8 and "follows the motion late" in d.sentence
 
 
+@pytest.mark.slow
 def test_a_random_yaw_moment_has_its_size_and_its_correlation_time():
     tried = calm_only(asked(strange_runs(7, random=[(0.2, "N", 25.0)], step=1.0)))
     found = random_force(tried.likelihood, tried.none)

@@ -30,14 +30,13 @@ def tables(effect: Effect | None):
         yield table_of(run.with_channels(**{"vn": north, "ve": east, "u_log": run["u"], **run.channels}), k)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "columns, step, effect, found",
     [
-        pytest.param(GPS_AND_HEADING, 2, None, [], marks=pytest.mark.slow),
-        pytest.param(
-            GPS_AND_HEADING, 2, Current(SHIP, speed=0.5, toward_deg=60.0), [0.5, 60.0], marks=pytest.mark.slow
-        ),
-        pytest.param(GPS_AND_HEADING, 2, RudderOffset(SHIP, offset_deg=1.5), [1.5], marks=pytest.mark.slow),
+        (GPS_AND_HEADING, 2, None, []),
+        (GPS_AND_HEADING, 2, Current(SHIP, speed=0.5, toward_deg=60.0), [0.5, 60.0]),
+        (GPS_AND_HEADING, 2, RudderOffset(SHIP, offset_deg=1.5), [1.5]),
         (NO_LOG_NO_GYRO_NO_SHAFT, 2, SteadyWind(SHIP, speed=15.0, from_deg=70.0), [15.0, 70.0]),
     ],
 )
