@@ -49,6 +49,8 @@ class Decision:
         unmodelled: Log Bayes factor of something unknown over calm water.
         claims: Hypotheses that may be claimed, in this order, if runs that were not used are predicted better.
         formula: A short formula for something unknown, whether it may be claimed or not.
+        lead: Log odds by which something unknown is likelier than a best hypothesis that raises the alarm, too; 0 if
+            it is not.
     """
 
     named: bool
@@ -61,6 +63,7 @@ class Decision:
     unmodelled: float = 0.0
     claims: Sequence[FittedHypothesis] = ()
     formula: FittedHypothesis | None = None
+    lead: float = 0.0
 
     def mismatch(self, chosen: FittedHypothesis) -> bool:
         """Whether a claim was proved, calm water being none, or something unknown beats calm water."""
@@ -77,11 +80,39 @@ class Decision:
             return max(self.effects[name], MIN_UNKNOWN)
         return min(self.effects[name], MAX_UNPROVED) if unproved else self.effects[name]
 
-    def without_calm_water(self, result: SearchResult) -> "Decision":
-        """The same once free runs of calm water have missed the recordings by more than is unknown about it.
+    def with_held_out(self, calm: float, best: float, formula: float = -np.inf) -> "Decision":
+        """The same once held-out runs have been weighed, where something unknown leads a hypothesis with a name.
+
+        Nobody foretells a force without a rule: of something unknown held-out runs are as likely as by calm water, or
+        by its formula.
+
+        Args:
+            calm: Log evidence of the held-out runs in calm water.
+            best: With the best hypothesis.
+            formula: With the short formula; minus infinity without one.
+
+        Returns:
+            The best hypothesis is the first claim if all runs together make it likelier than something unknown.
+        """
+        odds = best - max(calm, formula) - self.lead
+        if self.best is None or self.lead <= 0 or odds <= 0:
+            return self
+        both = self.unknown + min((self.effects[name] for name in self.best.names), default=0.0)
+        share = both / (1 + np.exp(-odds))
+        return replace(
+            self,
+            unknown=float(both - share),
+            effects={n: max(p, float(share)) if n in self.best.names else p for n, p in self.effects.items()},
+            claims=[self.best, *self.claims],
+        )
+
+    def without_calm_water(self, result: SearchResult, named: bool = True) -> "Decision":
+        """The same once calm water has missed the recordings by more than is unknown about it and its coefficients.
 
         Args:
             result: The search.
+            named: Whether free runs missed them, which a weak effect may do; not that the coefficients are another
+                ship's, which no effect on the shelf took up.
 
         Returns:
             Something acts; the best hypotheses with a name may be claimed if there is any evidence for them.
@@ -89,7 +120,7 @@ class Decision:
         calm = min(self.none, 1 - MIN_CALM_WITHOUT_ALARM)
         share = (1 - calm) / max(1 - self.none, 1e-12)
         least = result.none.evidence + MIN_GAIN_OF_SINGLE
-        likely = [j for j in _worthy(result) if j.evidence > least][:MAX_IN_RACE]
+        likely = [j for j in _worthy(result) if named and j.evidence > least][:MAX_IN_RACE]
         return replace(
             self,
             strange=True,
@@ -177,6 +208,7 @@ def decide(result: SearchResult) -> Decision:
         unmodelled=unmodelled - none,
         claims=_claims(result, best if named and shares[1] < 0.5 else None, formula, strange),
         formula=formula,
+        lead=float(log_weight[1] - log_weight[2:].max()) if named and shares[1] >= 0.5 else 0.0,
     )
 
 

@@ -117,12 +117,15 @@ def _decided(question: Question, tried: SearchResult) -> "tuple[Decision, Proved
     verdict = decide(tried)
     if is_fitted(question.dynamics):
         return verdict, _proved(question, tried, verdict.claims)
+    if verdict.lead and question.case.held_out:
+        asked = [tried.none, *filter(None, (verdict.best, verdict.formula))]
+        verdict = verdict.with_held_out(*(in_held_out_runs(question, j).evidence for j in asked))
     ship = right_ship_check(tried, verdict.formula)
     chosen, proofs, checks = _proved(question, tried, verdict.claims, ship)
     if not verdict.mismatch(chosen):
         check = calm_check(question, tried)
-        if not check.passed:
-            verdict = verdict.without_calm_water(tried)
+        if not (check.passed and ship.passed):
+            verdict = verdict.without_calm_water(tried, named=not check.passed)
             chosen, proofs, checks = _proved(question, tried, verdict.claims, ship)
         checks = [check, *checks]
     return verdict, (chosen, proofs, [ship, *checks])

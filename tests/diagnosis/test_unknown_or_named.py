@@ -1,0 +1,58 @@
+"""Where something unknown and effects with names contend: held-out runs, free runs and the coefficients settle it."""
+
+from unittest.mock import Mock
+
+import numpy as np
+import pytest
+from pytest import approx
+from searches import fitted
+from trials import CALM
+
+from manoeuvre_nn.diagnosis import diagnose
+from manoeuvre_nn.diagnosis.decision import Decision
+from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
+from manoeuvre_nn.diagnosis.search import SearchResult
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+FORMULA = Mock(names=("formula",), evidence=20.0)
+
+
+@pytest.mark.parametrize(
+    "lead, calm, there, formula, claims, share",
+    [
+        (9.0, -50.0, -40.0, -80.0, ["current", "formula"], 1 / (1 + np.exp(-1.0))),
+        (9.0, -50.0, -42.0, -80.0, ["formula"], None),  # calm water, which foretells as much as no rule does
+        (9.0, -50.0, -20.0, -25.0, ["formula"], None),  # the formula holds there as well
+        (0.0, -50.0, 0.0, -80.0, ["formula"], None),  # it was not likelier in the fitted runs: nothing is settled there
+    ],
+)
+def test_a_name_that_the_unknown_leads_is_claimed_where_held_out_runs_make_up_for_it(
+    lead, calm, there, formula, claims, share
+):
+    effects = {"current": 0.01, "log_scale": 0.002}
+    d = Decision(True, True, 0.0, 0.988, effects, fitted(9.0, "current"), {}, 20.0, [FORMULA], FORMULA, lead)
+    settled = d.with_held_out(calm, there, formula)
+    assert [j.names[0] for j in settled.claims] == claims
+    assert (settled.effects["current"], settled.unknown) == (
+        approx((0.01, 0.988)) if share is None else approx((0.998 * share, 0.998 * (1 - share)))
+    )
+    assert settled.effects["log_scale"] == 0.002
+
+
+@pytest.mark.parametrize(
+    "right_ship, sails, strange, claims",
+    [(True, True, False, ()), (False, True, True, ("formula",)), (True, False, True, ("log_scale", "formula"))],
+)
+def test_calm_water_with_another_ships_coefficients_is_something_unknown(
+    monkeypatch, right_ship, sails, strange, claims
+):
+    scale, none = fitted(4.0, "log_scale"), fitted(0.0)
+    nothing = Decision(False, False, 0.8, 0.1, {"log_scale": 0.1}, scale, {}, formula=FORMULA)
+    put = []
+    monkeypatch.setattr(diagnose, "decide", lambda tried: nothing)
+    monkeypatch.setattr(diagnose, "right_ship_check", lambda *_: Check(RIGHT_SHIP, right_ship, ""))
+    monkeypatch.setattr(diagnose, "calm_check", lambda *_: Check("calm water", sails, ""))
+    monkeypatch.setattr(diagnose, "_proved", lambda q, tried, some, ship: (put.append(some), (none, [], []))[1])
+    verdict, (chosen, _, checks) = diagnose._decided(Mock(dynamics=CALM), SearchResult(none, [scale], Mock()))
+    assert verdict.mismatch(chosen) is strange and [c.passed for c in checks] == [right_ship, sails]
+    assert tuple(name for claim in put[-1] for name in claim.names) == claims
