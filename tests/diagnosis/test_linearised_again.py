@@ -2,17 +2,20 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import torch
 from fleet import ship_named, unchecked
 from pytest import approx
+from searches import fitted as fitted_by_hand
 from test_hypotheses_judged import LEVEL, NONE, fitted, hypothesis, stand
 from tiers import mainly
 from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, values
 
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.diagnosis import fits
 from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.fits import at_rest
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs
@@ -34,6 +37,40 @@ from manoeuvre_nn.estimation.prepared_run import base_columns
 from manoeuvre_nn.estimation.relinearise import MAX_CORRECTION, STATES_AT_REST, beside, change_of_states, refined
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
+NOTHING = fitted_by_hand(0.0)
+
+
+@pytest.mark.parametrize(
+    "changes, corrected, published, rests, kept",
+    [
+        ((3.0, 2.0, 6.0), -9.0, 20.0, True, "published"),
+        ((3.0, 2.0, 1.0), -9.0, 20.0, True, "corrected"),  # they come nearer to rest
+        ((3.0, 2.0, 6.0), -9.0, -10.0, True, "corrected"),  # the others rest, but explain less still
+        ((3.0, 2.0, 6.0), -9.0, 20.0, False, "corrected"),  # neither rest
+        ((3.0, 2.0, 6.0), 1.0, 20.0, True, "corrected"),  # what gains is on its way
+    ],
+)
+def test_where_corrected_coefficients_drive_states_away_those_of_published_ones_are_sought(
+    monkeypatch, changes, corrected, published, rests, kept
+):
+    evidence, passes = {"corrected": corrected, "published": published}, []
+
+    def moved(data_set, j, is_corrected):
+        passes.append("corrected" if is_corrected else "published")
+        return SimpleNamespace(by=passes[-1])
+
+    def change(before, after, level):
+        if "published" in passes:
+            return 0.1 if rests and passes.count("published") > 1 else 3.0
+        return changes[len(passes) - 1]
+
+    monkeypatch.setattr(fits, "MarginalLikelihood", lambda data_set: SimpleNamespace(data_set=data_set))
+    monkeypatch.setattr(fits, "beside", lambda likelihood, h: likelihood)
+    monkeypatch.setattr(fits, "refined", moved)
+    monkeypatch.setattr(fits, "change_of_states", change)
+    monkeypatch.setattr(fits, "refine", lambda there, h, *at: replace(NOTHING, evidence=evidence[there.data_set.by]))
+    there, found = at_rest(SimpleNamespace(by="start"), NOTHING)
+    assert (there.by, found.evidence) == (kept, evidence[kept])
 
 
 def test_a_late_receiver_is_late_with_what_its_antenna_shows():

@@ -126,16 +126,37 @@ def _unplaced(hypothesis: Hypothesis) -> bool:
 def at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> tuple[WhitenedDataSet, FittedHypothesis]:
     """A hypothesis about its own states, linearised until they rest.
 
+    Where a ship is unstable on course, corrected coefficients and the states by them may drive each other away from
+    what was recorded; then the states are sought by the published ones.
+
     Returns:
         The runs about its states, and the hypothesis fitted to them.
     """
-    random, data_set = fitted.random, beside(MarginalLikelihood(data_set), fitted.hypothesis).data_set
+    start = beside(MarginalLikelihood(data_set), fitted.hypothesis).data_set
+    there, found, moved = _passes(start, fitted)
+    if moved[-1] > max(moved[0], STATES_AT_REST) and found.evidence < fitted.evidence:
+        published, other, moved = _passes(start, fitted, corrected=False)
+        if moved[-1] < STATES_AT_REST and other.evidence > found.evidence:
+            there, found = published, other
+    return there, replace(found, random=fitted.random)
+
+
+def _passes(
+    data_set: WhitenedDataSet, fitted: FittedHypothesis, corrected: bool = True
+) -> tuple[WhitenedDataSet, FittedHypothesis, list[float]]:
+    """Linearise about the states by corrected or published coefficients until they rest.
+
+    Returns:
+        The runs about the last states, the hypothesis there, and what states changed by in each pass.
+    """
+    moved = list[float]()
     for _ in range(MAX_PASSES):
-        there = refined(data_set, fitted)
-        if change_of_states(data_set, there, fitted.best[0]) < STATES_AT_REST:
+        there = refined(data_set, fitted, corrected)
+        moved.append(change_of_states(data_set, there, fitted.best[0]))
+        if moved[-1] < STATES_AT_REST:
             break
         data_set, fitted = there, refine(MarginalLikelihood(there), fitted.hypothesis, *fitted.best)
-    return data_set, replace(fitted, random=random)
+    return data_set, fitted, moved
 
 
 def fitted_at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> FittedHypothesis:

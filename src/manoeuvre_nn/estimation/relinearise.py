@@ -34,7 +34,7 @@ COEFFICIENT_PRIORS = tuple(
 are missing, terms as uncertain as those printed make the scatter of these look smaller than it is."""
 
 
-def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedDataSet:
+def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis, corrected: bool = True) -> WhitenedDataSet:
     """The runs about the states and the corrected coefficients of a fitted hypothesis.
 
     The first states were found with any force, stream and sensor error allowed; what these mistook for one another is
@@ -43,6 +43,7 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
     Args:
         data_set: The runs about other states.
         fitted: What was found.
+        corrected: Whether about its corrected coefficients, too.
 
     Returns:
         The runs about the new states; as they are where the coefficients would be those of another ship, or the states
@@ -54,7 +55,7 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedData
     trained = is_fitted(data_set.dynamics)
     # In the combinations that these runs show: the hypothesis may have been fitted by others.
     combined = lstsq(data_set.rotation, fitted.corrections)
-    shares = None if trained else data_set.rotation @ combined
+    shares = data_set.rotation @ combined if corrected and not trained else None
     if shares is not None and np.abs(shares).max(initial=0.0) > MAX_CORRECTION:
         shares = None
     runs, rudders = [], _rudders(data_set, fitted.hypothesis)
