@@ -134,9 +134,9 @@ def at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> tuple[Whiten
     """
     start = beside(MarginalLikelihood(data_set), fitted.hypothesis).data_set
     there, found, moved = _passes(start, fitted)
-    if moved[-1] > max(moved[0], STATES_AT_REST) and found.evidence < fitted.evidence:
-        published, other, moved = _passes(start, fitted, corrected=False)
-        if moved[-1] < STATES_AT_REST and other.evidence > found.evidence:
+    if moved[-1] > max(min(moved), STATES_AT_REST) and found.evidence < fitted.evidence:
+        published, other, less = _passes(start, fitted, corrected=False)
+        if less[-1] < moved[-1] and other.evidence > found.evidence:
             there, found = published, other
     return there, replace(found, random=fitted.random)
 
