@@ -56,3 +56,18 @@ def test_calm_water_with_another_ships_coefficients_is_something_unknown(
     verdict, (chosen, _, checks) = diagnose._decided(Mock(dynamics=CALM), SearchResult(none, [scale], Mock()))
     assert verdict.mismatch(chosen) is strange and [c.passed for c in checks] == [right_ship, sails]
     assert tuple(name for claim in put[-1] for name in claim.names) == claims
+
+
+@pytest.mark.parametrize("proved, unknown", [(True, 0.27), (False, 0.99)])
+def test_a_name_that_held_out_runs_favour_but_fails_the_proof_leaves_the_unknown_as_likely_as_it_was(
+    monkeypatch, proved, unknown
+):
+    scale, none = fitted(9.0, "log_scale"), fitted(0.0)
+    led = Decision(True, True, 0.0, 0.99, {"log_scale": 0.0}, scale, {}, 20.0, [FORMULA], FORMULA, 9.0)
+    there = {(): -50.0, ("log_scale",): -40.0, ("formula",): -80.0}
+    monkeypatch.setattr(diagnose, "decide", lambda tried: led)
+    monkeypatch.setattr(diagnose, "right_ship_check", lambda *_: Check(RIGHT_SHIP, True, ""))
+    monkeypatch.setattr(diagnose, "in_held_out_runs", lambda q, j: Mock(evidence=there[tuple(j.names)]))
+    monkeypatch.setattr(diagnose, "_proved", lambda q, tried, some, ship: (some[0] if proved else FORMULA, [], []))
+    verdict, (chosen, _, _) = diagnose._decided(Mock(dynamics=CALM), SearchResult(none, [scale], Mock()))
+    assert chosen is (scale if proved else FORMULA) and verdict.unknown == approx(unknown, abs=0.005)

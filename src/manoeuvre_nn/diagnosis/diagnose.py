@@ -117,11 +117,14 @@ def _decided(question: Question, tried: SearchResult) -> "tuple[Decision, Proved
     verdict = decide(tried)
     if is_fitted(question.dynamics):
         return verdict, _proved(question, tried, verdict.claims)
+    as_fitted = verdict
     if verdict.lead and question.case.held_out:
         asked = [tried.none, *filter(None, (verdict.best, verdict.formula))]
         verdict = verdict.with_held_out(*(in_held_out_runs(question, j).evidence for j in asked))
     ship = right_ship_check(tried, verdict.formula)
     chosen, proofs, checks = _proved(question, tried, verdict.claims, ship)
+    if verdict.best is None or set(chosen.names) != set(verdict.best.names):
+        verdict = as_fitted  # a name that failed the proof makes the unknown no less likely
     if not verdict.mismatch(chosen):
         check = calm_check(question, tried)
         if not (check.passed and ship.passed):
