@@ -154,6 +154,14 @@ def test_a_hypothesis_that_would_need_another_ship_is_linearised_about_its_state
     assert change_of_states(stood, there, calm.best[0]) > STATES_AT_REST
 
 
+def test_states_may_be_sought_by_published_coefficients_too():
+    stood = whitened_data_set(CALM, runs([CIRCLE, PORT], [RateBias(SHIP, bias_deg_s=0.02)]))
+    calm = MarginalLikelihood(stood).evaluate(NONE)
+    for corrected in (True, False):
+        there = refined(stood, calm, corrected)
+        assert all((p.linearised.rate.dynamics is CALM) is not corrected for p in there.runs)
+
+
 def test_states_of_a_ship_that_lies_still_are_not_taken(monkeypatch):
     """At no speed a tanker's equations, which divide by it, follow no rudder: nothing can be linearised about that."""
     tanker, about_states = CalmWater(ship_named("esso_190k")), relinearise.about_states

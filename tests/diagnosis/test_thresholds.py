@@ -166,6 +166,12 @@ def test_a_fitted_model_may_lack_a_tenth_of_its_forces(decided, lacked, strange)
     assert not decided({"current": 0.0}).strange, "a published model has no such bound"
 
 
+def test_what_is_unknown_leads_by_its_odds_a_name_that_raises_the_alarm_too(decided):
+    assert decided({"current": 20.0}, unmodelled=24.0).lead == approx(4.0 + np.log(PRIOR_UNKNOWN / PRIOR_OF_SIZE[0]))
+    assert decided({"current": 24.0}, unmodelled=20.0).lead == 0.0, "the name leads"
+    assert decided({"current": 0.0}, unmodelled=24.0).lead == 0.0, "a name without an alarm"
+
+
 CLAIMED = [
     ({"current": 20.0, "log_scale": 1.0}, -9.0, None, [("current",)]),
     ({"current": 20.0}, 24.0, None, []),  # something unknown is likelier by far

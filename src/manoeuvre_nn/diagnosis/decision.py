@@ -97,7 +97,7 @@ class Decision:
         odds = best - max(calm, formula) - self.lead
         if self.best is None or self.lead <= 0 or odds <= 0:
             return self
-        both = self.unknown + min((self.effects[name] for name in self.best.names), default=0.0)
+        both = self.unknown + min(self.effects[name] for name in self.best.names)
         share = both / (1 + np.exp(-odds))
         return replace(
             self,
