@@ -108,14 +108,24 @@ def test_a_force_moves_a_ship_whose_inertia_couples_sway_and_yaw():
 
 def test_a_gear_goes_evenly_to_each_order_and_rests_there():
     time, order = np.array([0.0, 1.0, 2.0, 4.0, 5.0, 6.0]), np.array([0.0, 0.3, 0.3, -0.1, -0.1, -0.1])
-    assert followed(time, order, 0.2).tolist() == approx([0.0, 0.0, 0.2, 0.3, 0.1, -0.1])
-    assert followed(time, order, 0.2, start=0.1).tolist() == approx([0.1, 0.0, 0.2, 0.3, 0.1, -0.1])
-    assert followed(time, -order, 0.2).tolist() == approx([0.0, 0.0, -0.2, -0.3, -0.1, 0.1])
+    assert followed(time, order, 0.2).tolist() == approx([0.0, 0.1, 0.3, 0.1, -0.1, -0.1])
+    assert followed(time, order, 0.2, start=0.1).tolist() == approx([0.1, 0.1, 0.3, 0.1, -0.1, -0.1])
+    assert followed(time, -order, 0.2).tolist() == approx([0.0, -0.1, -0.3, -0.1, 0.1, 0.1])
     ordered = Recording("r", time, {"delta_order": np.where(order < 0, np.nan, order)})
-    assert ordered.ordered_rudder(0.2).tolist() == approx([0.0, 0.0, 0.2, 0.3, 0.3, 0.3]), "gaps are filled"
+    assert ordered.ordered_rudder(0.2).tolist() == approx([0.0, 0.1, 0.3, 0.3, 0.3, 0.3]), "gaps are filled"
     assert Recording("r", time, {"delta": order}).ordered_rudder(0.2) is None
     derived = Recording("r", time, {"delta_order": order}, meta={"derived": ["delta_order"]})
     assert derived.ordered_rudder(0.2) is None
+
+
+@pytest.mark.parametrize("after", [0.05, 0.5, 0.95])
+def test_an_order_between_two_samples_is_off_by_half_a_step_at_most(after):
+    """The gear of a rudder that goes at .04 rad/s, ordered so many seconds after a sample, against every sample."""
+    time = np.arange(0.0, 30.0)
+    order = np.where(time < 4.0 + after, -0.3, 0.3)
+    true = np.clip(-0.3 + 0.04 * (time - 4.0 - after), -0.3, 0.3)
+    error = followed(time, order, 0.04) - true
+    assert np.abs(error).max() == approx(0.04 * abs(after - 0.5))
 
 
 def test_windows_keep_a_sample_that_is_off_by_rounding():

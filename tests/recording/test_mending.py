@@ -123,9 +123,9 @@ def test_a_rudder_order_is_followed_at_the_rate_of_the_steering_gear(zz20, frame
     assert np.abs(np.diff(record["delta"])).max() <= ship.rudder_rate + 1e-12
 
 
-def test_an_order_stands_until_the_next_one():
+def test_an_order_stands_until_midway_before_the_next_one():
     angle = followed(np.array([0.0, 1.0, 3.0, 4.0, 5.0]), np.array([0.0, 5.0, 5.0, -1.0, -1.0]), 2.0)
-    assert angle.tolist() == [0.0, 0.0, 4.0, 5.0, 3.0]
+    assert angle.tolist() == [0.0, 1.0, 5.0, 4.0, 2.0]
 
 
 def test_an_order_given_twice_is_refused(columns):

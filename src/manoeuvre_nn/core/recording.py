@@ -171,7 +171,8 @@ def followed(
 ) -> Float[np.ndarray, " n"]:
     """The rudder of a steering gear that goes evenly towards its order.
 
-    An order stands until the next one. Unless it is said where the rudder begins it is taken to stand at the first
+    An order that differs from that of the sample before came at an unknown time between the two, on average midway:
+    until then the old one stands. Unless it is said where the rudder begins it is taken to stand at the first
     order already: a record had better begin before the rudder is moved. Where no order was recorded, the angle is not
     known.
 
@@ -190,7 +191,9 @@ def followed(
     standing = order[np.maximum.accumulate(np.where(known, np.arange(len(order)), known.argmax()))]
     angle = float(standing[0] if start is None else start)
     result = [angle]
-    for wanted, reach in zip(standing[:-1].tolist(), (rate * np.diff(time)).tolist(), strict=True):
-        angle += min(max(wanted - angle, -reach), reach)
+    halves = (0.5 * rate * np.diff(time)).tolist()
+    for old, new, reach in zip(standing[:-1].tolist(), standing[1:].tolist(), halves, strict=True):
+        for wanted in (old, new):
+            angle += min(max(wanted - angle, -reach), reach)
         result.append(angle)
     return np.where(known, result, np.nan)
