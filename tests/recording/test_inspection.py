@@ -225,6 +225,20 @@ def test_nothing_that_stands_still_in_a_steady_turn_is_stuck():
     assert [(f.verdict, f.channels) for f in found] == [("mend", ("v",))]
 
 
+def test_what_stands_still_on_the_straight_course_after_a_turn_is_not_stuck():
+    """Only what the heading does meanwhile belies it. Of two channels that stand still in a turn each has a remedy."""
+    with unchecked():
+        (run,) = roll_out(CalmWater(SHIP), [turning_circle(25.0, duration=300.0)], step=0.5)
+    ended = run.time > 200.0
+    held = {k: np.where(ended, run[k][np.argmax(ended)], run[k]) for k in ("psi", "u", "v")}
+    straight = run.with_channels(**held, r=np.where(ended, 0.0, run["r"]))
+    assert [f.verdict for f in stuck(straight, SHIP.particulars)] == ["ok"]
+    turning_in = (run.time > 30.0) & (run.time < 60.0)
+    frozen = {k: np.where(turning_in, run[k][np.argmax(turning_in)], run[k]) for k in ("u", "v")}
+    found = stuck(run.with_channels(**frozen), SHIP.particulars)
+    assert [(f.verdict, f.channels) for f in found] == [("mend", ("u",)), ("mend", ("v",))]
+
+
 def test_positions_of_a_point_far_off_are_carried_to_midship(truth, inspected):
     table = moved(ahead=40.0)(truth)
     one, _ = inspected(table)

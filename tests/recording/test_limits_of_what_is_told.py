@@ -42,6 +42,28 @@ def test_an_approach_shows_slopes_from_one_ships_length_on(lengths, slopes):
     assert ("straight and steady for" in steady_approach(run, SHIP).text) is slopes
 
 
+@pytest.mark.parametrize(
+    "name, change, steady",
+    [
+        ("u", 0.009, True),
+        ("u", 0.011, False),
+        ("v", 0.018, True),
+        ("v", 0.022, False),
+        ("r", 0.027, True),
+        ("r", 0.033, False),
+    ],
+)
+def test_in_the_time_of_a_ships_length_an_approach_changes_by_so_much_at_most(name, change, steady):
+    """Over U0, U0 and U0/L; straight on for three ship's lengths, without noise, and then the rudder is put over."""
+    time, unit = np.arange(0.0, 5 * SHIP.time_unit, 0.5), SHIP.time_unit
+    scale = {"u": SHIP.speed, "v": SHIP.speed, "r": SHIP.speed / SHIP.length}[name]
+    zero = 0 * time
+    c = {"u": zero + SHIP.speed, "v": zero, "r": zero, "x": SHIP.speed * time, "y": zero, "psi": zero}
+    c[name] = c[name] + scale * change * time / unit
+    run = Recording("run", time, c | {"delta": 0.2 * (time > 3 * unit)})
+    assert (steady_approach(run, SHIP).verdict == "ok") is steady
+
+
 @pytest.mark.parametrize("lengths, seen", [(-0.9, True), (0.5, True), (0.9, True), (1.05, False)])
 def test_a_late_or_early_rudder_is_timed_up_to_the_time_in_which_the_ship_sails_her_length(lengths, seen):
     """Nomoto's equation: ``T rdot + r = K delta``, the rudder on and off by a sum of sines."""
