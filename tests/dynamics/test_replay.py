@@ -9,10 +9,13 @@ from fleet import unchecked
 from tiers import mainly
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.limits import OK
 from manoeuvre_nn.dynamics.model import CalmWater
-from manoeuvre_nn.dynamics.replay import integrate, replay
+from manoeuvre_nn.dynamics.replay import blade_series, integrate, replay
 from manoeuvre_nn.dynamics.simulate import simulate
+from manoeuvre_nn.dynamics.vessel import Vessel
+from manoeuvre_nn.effect.rudder import RudderBacklash
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.scoring.held_out import HeldOut
@@ -75,6 +78,16 @@ def test_steered_and_replayed_references_keep_their_order(runs):
         scores = held_out.score(held_out.predict(CalmWater(mariner())))
     assert [s.manoeuvre for s in scores] == ["tc25", "zz10", "zz20"]
     assert all(s.dev_L < 0.01 for s in scores)
+
+
+def test_a_blade_with_play_is_behind_the_indicator_by_half_of_it():
+    """Once the play is taken up, and whichever way it goes."""
+    vessel = Vessel(CalmWater(mariner()), [RudderBacklash(mariner(), width_deg=4.0)])
+    shown = torch.tensor([[0.0, 5.0, 10.0, 15.0, 10.0, 5.0, -5.0]], dtype=torch.float64) * DEGREE
+    with unchecked():
+        blade = blade_series(vessel, shown, shown, 2.0)
+    behind = torch.tensor([[-2.0, -2.0, -2.0, 2.0, 2.0, 2.0]], dtype=torch.float64) * DEGREE
+    torch.testing.assert_close(blade[:, 1:], shown[:, 1:] + behind)
 
 
 @pytest.mark.parametrize(("largest", "per_sample"), [(None, 4), (2.0, 2), (4.0, 1)])

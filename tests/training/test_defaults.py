@@ -92,6 +92,31 @@ def test_steps_are_chosen_by_predicting_each_twelfth_of_the_time_from_the_others
     assert all(sorted(a + b) == x[:, 0].tolist() for a, b in zip(trained_on, predicted, strict=True))
 
 
+@pytest.mark.parametrize(
+    "errors, best",
+    [
+        ((5.0, 7.0, 6.0, 3.0, 4.0, 4.0, 4.0), 12),  # it gets better again after two worse ones
+        ((5.0, 7.0, 6.0, 6.0, 3.0, 4.0, 4.0), 3),  # but after three no more are tried
+    ],
+)
+def test_steps_are_tried_until_three_in_turn_are_worse(monkeypatch, errors, best):
+    tried = dict(zip(ensemble.STEP_TRIALS, errors, strict=True))
+
+    def go_on(problem, start, *, stops, **_):
+        return SimpleNamespace(weights=start + stops.epochs)  # so many steps in all
+
+    network = SimpleNamespace(
+        members=1,
+        least_squares=lambda x, y: SimpleNamespace(full=lambda w: w, output_weights=lambda w: w),
+        with_weights=lambda inside, _: lambda x: torch.full((len(x), 3), tried[int(inside[0, 0])] ** 0.5),
+    )
+    monkeypatch.setattr(ensemble, "_start", lambda network, member: torch.zeros(1, 5))
+    monkeypatch.setattr(ensemble, "minimise", go_on)
+    with unchecked():
+        found = ensemble.steps_that_predict(network, torch.zeros(24, 4), torch.zeros(24, 3), Stops(epochs=80))
+    assert found == best
+
+
 def test_an_estimation_goes_on_from_whole_numbers_alone():
     part = np.ones((3, 9))
     first = Estimate(
