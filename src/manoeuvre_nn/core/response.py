@@ -145,9 +145,12 @@ class Quantities:
         """Refuse what cannot be seen.
 
         Raises:
-            InputError: If nothing is seen, or something that is unknown or made of a variable that there is not.
+            InputError: If there are no inputs, nothing is seen, or something that is unknown or made of a variable that
+                there is not.
         """
         names = [v.name for v in self.inputs]
+        if not names:
+            raise InputError("inputs: there are none; write for instance inputs.T={unit: s, values: [7, 9, 11]}")
         if not self.sees:
             raise InputError("sees: the network sees nothing; write for instance sees.T=true")
         for one in self.sees:

@@ -11,14 +11,14 @@ from jaxtyping import Float
 from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_UNKNOWN, MIN_GAIN_TO_TRY, raised
 from manoeuvre_nn.diagnosis.fits import fitted_at_rest
 from manoeuvre_nn.diagnosis.formula import short_formula
-from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SINGLE, SearchResult, worth_its_size
+from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SECOND, MIN_GAIN_OF_SINGLE, SearchResult, worth_its_size
 from manoeuvre_nn.diagnosis.unknown import receiver_wander, unknown_evidence
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
-from manoeuvre_nn.estimation.relinearise import beside
+from manoeuvre_nn.estimation.relinearise import beside, gain_by_coefficient_priors
 
 PRIOR_NONE, PRIOR_UNKNOWN, PRIOR_OF_SIZE = 0.25, 0.10, (0.53, 0.10, 0.02)
 """Declared base rates: calm water holds, something that the shelf does not have, and one effect, two, three."""
@@ -174,6 +174,7 @@ def _race(result: SearchResult) -> list[FittedHypothesis]:
 
 def decide(result: SearchResult) -> Decision:
     """Weigh all hypotheses, raise the alarm if chance alone would not reach it, and say what may be claimed."""
+    result = _by_any_coefficient_prior(result)
     none, data_set = result.none.evidence, result.likelihood.data_set
     there = beside(result.likelihood, result.none.hypothesis)
     formula = short_formula(there, result.none)
@@ -210,6 +211,29 @@ def decide(result: SearchResult) -> Decision:
         formula=formula,
         lead=float(log_weight[1] - log_weight[2:].max()) if named and shares[1] >= 0.5 else 0.0,
     )
+
+
+def _by_any_coefficient_prior(result: SearchResult) -> SearchResult:
+    """The search with what named hypotheses gain beyond calm water where no prior of coefficients is preferred.
+
+    That of the runs was chosen for calm water, or for what leads.
+
+    Returns:
+        The search; hypotheses that are too far behind to matter keep their distance to calm water.
+    """
+
+    def gain(j: FittedHypothesis) -> float:
+        return gain_by_coefficient_priors(beside(result.likelihood, j.hypothesis).data_set, j)
+
+    reach = MAX_DEFICIT_IN_RACE + MIN_GAIN_OF_SECOND
+    near = [j for j in result.fitted if j.evidence > result.fitted[0].evidence - reach]
+    # Gusts are no column of their own: a gusty wind gains what the steady one does.
+    steady = {j.names: j for j in result.fitted if not any(e.random for e in j.hypothesis.effects)}
+    ways = {id(j): tuple(e.variant_of if e.random else e.name for e in j.hypothesis.effects) for j in near}
+    calm = gain(result.none) if near else 0.0
+    more = {names: gain(steady[names]) - calm for names in set(ways.values()) if names in steady}
+    fitted = [replace(j, evidence=j.evidence + more.get(ways.get(id(j), ()), 0.0)) for j in result.fitted]
+    return replace(result, fitted=sorted(fitted, key=lambda j: -j.evidence))
 
 
 def _by_usual_receiver(

@@ -11,7 +11,7 @@ from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.windows import EventGrid, replaced
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.marginal_likelihood import USUAL_LEVELS, MarginalLikelihood
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 from manoeuvre_nn.estimation.relinearise import MAX_PASSES, STATES_AT_REST, beside, change_of_states, refined
 
@@ -127,14 +127,16 @@ def at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> tuple[Whiten
     """A hypothesis about its own states, linearised until they rest.
 
     Where a ship is unstable on course, corrected coefficients and the states by them may drive each other away from
-    what was recorded; then the states are sought by the published ones.
+    what was recorded, or the first states have them mend what is no fault of theirs, so that they are another ship's;
+    then the states are sought by the published ones.
 
     Returns:
         The runs about its states, and the hypothesis fitted to them.
     """
     start = beside(MarginalLikelihood(data_set), fitted.hypothesis).data_set
     there, found, moved = _passes(start, fitted)
-    if moved[-1] > max(min(moved), STATES_AT_REST) and found.evidence < fitted.evidence:
+    driven_away = moved[-1] > min(moved) and found.evidence < fitted.evidence
+    if moved[-1] > STATES_AT_REST and (driven_away or found.best[1] >= USUAL_LEVELS):
         published, other, less = _passes(start, fitted, corrected=False)
         if less[-1] < moved[-1] and other.evidence > found.evidence:
             there, found = published, other

@@ -17,6 +17,7 @@ from manoeuvre_nn.estimation.data_set import same_campaigns
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.prepared_run import LATENCY
+from manoeuvre_nn.estimation.relinearise import gain_by_coefficient_priors
 from manoeuvre_nn.scoring.free_runs import errors
 
 
@@ -70,7 +71,8 @@ def in_held_out_runs(question: Question, fitted: FittedHypothesis) -> FittedHypo
 
     Returns:
         It, with nothing free but the times of events, which are placed by each run's own recording and integrated out:
-        what was looked for in a run is no gain. Without held-out runs its evidence is 0.
+        what was looked for in a run is no gain; however the errors of coefficients may go together
+        (:func:`.gain_by_coefficient_priors`). Without held-out runs its evidence is 0.
     """
     found = fitted.hypothesis
     elsewhere = found.in_other_runs(same_campaigns(question.case.fitted, question.case.held_out))
@@ -78,6 +80,7 @@ def in_held_out_runs(question: Question, fitted: FittedHypothesis) -> FittedHypo
     if not question.case.held_out:
         return replace(fitted, hypothesis=held, evidence=0.0)
     data_set, there = at_rest(question.held_out.data_set, refine(question.held_out, held, *fitted.best))
+    gain, evidence = gain_by_coefficient_priors(data_set, there), there.evidence
     if any(e.random for e in held.effects):
-        there = replace(there, evidence=gusty_evidence(MarginalLikelihood(data_set), there.hypothesis, there.best[0]))
-    return there
+        evidence = gusty_evidence(MarginalLikelihood(data_set), there.hypothesis, there.best[0])
+    return replace(there, evidence=evidence + gain)

@@ -25,15 +25,12 @@ from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.diagnosis.unknown import random_force, receiver_wander
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, log_prior_levels
-from manoeuvre_nn.estimation.model_corrections import USUAL_SCATTER
+from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, USUAL_LEVELS, log_prior_levels
 from manoeuvre_nn.estimation.posterior import Posterior
 from manoeuvre_nn.estimation.relinearise import beside
 
 MIN_GAIN_OF_ANOTHER = 7.0
 """Log Bayes factor from which the ship is called in question: of the right one fewer than one set in a thousand."""
-USUAL_LEVELS = int(np.searchsorted(COEFFICIENT_SD_LEVELS, 2 * USUAL_SCATTER))
-"""Number of the levels of the coefficients' standard deviation that are usual."""
 OTHER_SD = np.array([0.2, 0.5, 1.0, 2.0])
 """Relative errors of the coefficients that are another ship's."""
 MAX_COMPLETED = 2

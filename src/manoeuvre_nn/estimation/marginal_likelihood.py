@@ -27,6 +27,8 @@ PROCESS_PRIOR = 0.03
 may stay unexplained."""
 COEFFICIENT_SD_PRIOR = USUAL_SCATTER
 """The same of the coefficients' relative error: published scatter is 3 to 6 %."""
+USUAL_LEVELS = int(np.searchsorted(COEFFICIENT_SD_LEVELS, 2 * USUAL_SCATTER))
+"""Number of the levels of the coefficients' standard deviation that are usual."""
 MIN_GAIN = 0.02
 """Log density that a Gauss-Newton step must gain for another one to be made."""
 MIN_LEVEL_WEIGHT = 0.01

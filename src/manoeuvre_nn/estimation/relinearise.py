@@ -1,5 +1,6 @@
 """Linearising again: about the states that a fitted hypothesis itself makes most likely."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from manoeuvre_nn.estimation.linear_run import joined, summed
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood, log_prior_levels
 from manoeuvre_nn.estimation.posterior import posterior
-from manoeuvre_nn.estimation.prepared_run import LATENCY_SD, about_states, base_columns
+from manoeuvre_nn.estimation.prepared_run import LATENCY_SD, PreparedRun, about_states, base_columns
 from manoeuvre_nn.estimation.smoothed_run import step_share
 from manoeuvre_nn.numerics.finite_algebra import lstsq
 
@@ -114,6 +115,32 @@ def with_likely_coefficient_prior(data_set: WhitenedDataSet, fitted: FittedHypot
     Returns:
         The runs with one of :data:`COEFFICIENT_PRIORS`.
     """
+    evidence, whole = _by_coefficient_prior(data_set, fitted)
+    return WhitenedDataSet(data_set.dynamics, whole, max(COEFFICIENT_PRIORS, key=evidence))
+
+
+def gain_by_coefficient_priors(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> float:
+    """What a fitted hypothesis gains where any prior of coefficients is as likely as the one that the runs have.
+
+    ``log mean_p exp(E_p - E)``, E_p its log evidence with each of :data:`COEFFICIENT_PRIORS`, E with that of the runs:
+    chosen for one hypothesis, as for calm water, a prior is in its favour.
+
+    Args:
+        data_set: The runs.
+        fitted: At its values and noise levels; latencies and its own numbers are free.
+
+    Returns:
+        The gain in log evidence, at least ``-log(12)`` where the runs have one of them.
+    """
+    evidence, _ = _by_coefficient_prior(data_set, fitted)
+    each = [evidence(kind) for kind in COEFFICIENT_PRIORS]
+    return float(logsumexp(each) - np.log(len(each)) - evidence(data_set.coefficient_prior))
+
+
+def _by_coefficient_prior(
+    data_set: WhitenedDataSet, fitted: FittedHypothesis
+) -> tuple[Callable[[CoefficientPrior], float], list[PreparedRun]]:
+    """Log evidence of a fitted hypothesis by the prior of coefficients, but for a constant, and the runs with all."""
     level, names = data_set.at(fitted.best[0]), Corrections(data_set.dynamics).names
     lin = hypothesis_columns(data_set, fitted.hypothesis)
     whole = [replace(p, base=base_columns(data_set.dynamics, p.linearised)) for p in data_set.runs]
@@ -135,7 +162,7 @@ def with_likely_coefficient_prior(data_set: WhitenedDataSet, fitted: FittedHypot
         found = posterior(turned[np.ix_(keep, keep)], 0.0, prior, data[keep], COEFFICIENT_SD_LEVELS, k)
         return float(logsumexp(found.evidence + log_prior_levels(data_set, None)[fitted.best[0]]))
 
-    return WhitenedDataSet(data_set.dynamics, whole, max(COEFFICIENT_PRIORS, key=evidence))
+    return evidence, whole
 
 
 def change_of_states(before: WhitenedDataSet, after: WhitenedDataSet, level: int) -> float:
