@@ -29,10 +29,11 @@ from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, RateBias
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation import noise_average, relinearise
 from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
-from manoeuvre_nn.estimation.data_set import WhitenedDataSet, whitened_data_set
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet, whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linearised_run import shown
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.model_corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.prepared_run import base_columns
 from manoeuvre_nn.estimation.relinearise import MAX_CORRECTION, STATES_AT_REST, beside, change_of_states, refined
 
@@ -41,20 +42,25 @@ NOTHING = fitted_by_hand(0.0)
 
 
 @pytest.mark.parametrize(
-    "changes, corrected, published, rests, kept",
+    "changes, corrected, published, rests, scatter, kept",
     [
-        ((6.0, 2.0, 3.0), -9.0, 20.0, True, "published"),
-        ((3.0, 2.0, 6.0), -9.0, 20.0, True, "published"),
-        ((3.0, 2.0, 1.0), -9.0, 20.0, True, "corrected"),  # they come nearer to rest
-        ((3.0, 2.0, 6.0), -9.0, -10.0, True, "corrected"),  # the others rest, but explain less still
-        ((3.0, 2.0, 6.0), -9.0, 20.0, False, "corrected"),  # neither rest
-        ((3.0, 2.0, 6.0), 1.0, 20.0, True, "corrected"),  # what gains is on its way
+        ((6.0, 2.0, 3.0), -9.0, 20.0, True, 0, "published"),
+        ((3.0, 2.0, 6.0), -9.0, 20.0, True, 0, "published"),
+        ((3.0, 2.0, 1.0), -9.0, 20.0, True, 0, "corrected"),  # they come nearer to rest
+        ((3.0, 2.0, 6.0), -9.0, -10.0, True, 0, "corrected"),  # the others rest, but explain less still
+        ((3.0, 2.0, 6.0), -9.0, 20.0, False, 0, "corrected"),  # neither rest
+        ((3.0, 2.0, 6.0), 1.0, 20.0, True, 0, "corrected"),  # what gains is on its way
+        ((3.0, 2.0, 1.0), 1.0, 20.0, True, 5, "published"),  # but by coefficients of another ship
+        ((3.0, 2.0, 1.0), 1.0, 20.0, True, 4, "corrected"),
+        ((3.0, 2.0, 1.0), 1.0, 0.0, True, 5, "corrected"),
+        ((3.0, 0.1), 1.0, 20.0, True, 5, "corrected"),  # they rest
     ],
 )
 def test_where_corrected_coefficients_drive_states_away_those_of_published_ones_are_sought(
-    monkeypatch, changes, corrected, published, rests, kept
+    monkeypatch, changes, corrected, published, rests, scatter, kept
 ):
     evidence, passes = {"corrected": corrected, "published": published}, []
+    assert COEFFICIENT_SD_LEVELS[5] > 2 * USUAL_SCATTER > COEFFICIENT_SD_LEVELS[4]
 
     def moved(data_set, j, is_corrected):
         passes.append("corrected" if is_corrected else "published")
@@ -69,7 +75,9 @@ def test_where_corrected_coefficients_drive_states_away_those_of_published_ones_
     monkeypatch.setattr(fits, "beside", lambda likelihood, h: likelihood)
     monkeypatch.setattr(fits, "refined", moved)
     monkeypatch.setattr(fits, "change_of_states", change)
-    monkeypatch.setattr(fits, "refine", lambda there, h, *at: replace(NOTHING, evidence=evidence[there.data_set.by]))
+    monkeypatch.setattr(
+        fits, "refine", lambda there, h, *at: replace(NOTHING, evidence=evidence[there.data_set.by], best=(0, scatter))
+    )
     there, found = at_rest(SimpleNamespace(by="start"), NOTHING)
     assert (there.by, found.evidence) == (kept, evidence[kept])
 

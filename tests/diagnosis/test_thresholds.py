@@ -120,6 +120,7 @@ def decided(monkeypatch):
     def run(gains: dict, unmodelled=-9.0, rule=None, lacked=None, chance=1.0, wandering=(-np.inf,) * 2) -> Decision:
         calm, named = wandering  # seen by a receiver that wanders: calm water, and the best hypothesis with a name
         monkeypatch.setattr(under_test, "beside", lambda likelihood, hypothesis: likelihood)
+        monkeypatch.setattr(under_test, "gain_by_coefficient_priors", lambda data_set, j: 0.0)
         monkeypatch.setattr(under_test, "short_formula", lambda there, none: rule)
         monkeypatch.setattr(under_test, "unknown_evidence", lambda there, none, formula: unmodelled - 3.0)
         wanders = lambda there, j: ReceiverWander(1.0, 60.0, (named if j.names else calm) - 3.0)  # noqa: E731

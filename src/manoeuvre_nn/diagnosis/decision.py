@@ -11,7 +11,12 @@ from jaxtyping import Float
 from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_UNKNOWN, MIN_GAIN_TO_TRY, raised
 from manoeuvre_nn.diagnosis.fits import fitted_at_rest
 from manoeuvre_nn.diagnosis.formula import short_formula
-from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SECOND, MIN_GAIN_OF_SINGLE, SearchResult, worth_its_size
+from manoeuvre_nn.diagnosis.search import (
+    MIN_GAIN_OF_SINGLE,
+    MIN_GAIN_TO_RELINEARISE,
+    SearchResult,
+    worth_its_size,
+)
 from manoeuvre_nn.diagnosis.unknown import receiver_wander, unknown_evidence
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.dynamics.base import is_fitted
@@ -216,21 +221,23 @@ def decide(result: SearchResult) -> Decision:
 def _by_any_coefficient_prior(result: SearchResult) -> SearchResult:
     """The search with what named hypotheses gain beyond calm water where no prior of coefficients is preferred.
 
-    That of the runs was chosen for calm water, or for what leads.
+    That of the runs was chosen for calm water, or for what leads by so much that it matters little.
 
     Returns:
-        The search; hypotheses that are too far behind to matter keep their distance to calm water.
+        The search; hypotheses behind the first few keep their distance to calm water.
     """
+    ahead = max((j.evidence for j in result.fitted), default=-np.inf) - result.none.evidence
+    if not 0 < ahead <= MIN_GAIN_TO_RELINEARISE:
+        return result
 
     def gain(j: FittedHypothesis) -> float:
         return gain_by_coefficient_priors(beside(result.likelihood, j.hypothesis).data_set, j)
 
-    reach = MAX_DEFICIT_IN_RACE + MIN_GAIN_OF_SECOND
-    near = [j for j in result.fitted if j.evidence > result.fitted[0].evidence - reach]
+    near = result.fitted[:MAX_SETTLED]
     # Gusts are no column of their own: a gusty wind gains what the steady one does.
     steady = {j.names: j for j in result.fitted if not any(e.random for e in j.hypothesis.effects)}
     ways = {id(j): tuple(e.variant_of if e.random else e.name for e in j.hypothesis.effects) for j in near}
-    calm = gain(result.none) if near else 0.0
+    calm = gain(result.none)
     more = {names: gain(steady[names]) - calm for names in set(ways.values()) if names in steady}
     fitted = [replace(j, evidence=j.evidence + more.get(ways.get(id(j), ()), 0.0)) for j in result.fitted]
     return replace(result, fitted=sorted(fitted, key=lambda j: -j.evidence))

@@ -71,16 +71,24 @@ def in_held_out_runs(question: Question, fitted: FittedHypothesis) -> FittedHypo
 
     Returns:
         It, with nothing free but the times of events, which are placed by each run's own recording and integrated out:
-        what was looked for in a run is no gain; however the errors of coefficients may go together
-        (:func:`.gain_by_coefficient_priors`). Without held-out runs its evidence is 0.
+        what was looked for in a run is no gain. In its evidence the uncertain parts of formulas are what they may be,
+        as coefficients are, however the errors of these go together (:func:`.gain_by_coefficient_priors`): sizes alone
+        must hold. Without held-out runs its evidence is 0.
     """
     found = fitted.hypothesis
+    declared = [p for e in found.effects for p in e.declared if not p.per_run]
     elsewhere = found.in_other_runs(same_campaigns(question.case.fitted, question.case.held_out))
-    held = replace(elsewhere, fixed=frozenset(p.name for e in found.effects for p in e.declared if not p.per_run))
+    elsewhere = replace(elsewhere, fixed=frozenset(p.name for p in declared))
     if not question.case.held_out:
-        return replace(fitted, hypothesis=held, evidence=0.0)
+        return replace(fitted, hypothesis=elsewhere, evidence=0.0)
+    held = replace(elsewhere, fixed=frozenset(p.name for p in declared if not p.form))
     data_set, there = at_rest(question.held_out.data_set, refine(question.held_out, held, *fitted.best))
     gain, evidence = gain_by_coefficient_priors(data_set, there), there.evidence
     if any(e.random for e in held.effects):
         evidence = gusty_evidence(MarginalLikelihood(data_set), there.hypothesis, there.best[0])
-    return replace(there, evidence=evidence + gain)
+    # Predictions are made with formulas as the fitted runs have them.
+    times = [k for k, f in enumerate(there.hypothesis.unknowns()) if f.parameter.per_run]
+    both = zip(found.effects, there.hypothesis.values, elsewhere.values, strict=True)
+    mixed = tuple(np.where([p.per_run for p in e.declared], placed, known) for e, placed, known in both)
+    covariance = there.covariance[np.ix_(times, times)]
+    return replace(there, hypothesis=replace(elsewhere, values=mixed), covariance=covariance, evidence=evidence + gain)

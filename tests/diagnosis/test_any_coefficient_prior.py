@@ -1,0 +1,118 @@
+"""No prior of the coefficients' errors is preferred: hypotheses are weighed with all of them, calm water too."""
+
+from dataclasses import replace
+from itertools import combinations
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from pytest import approx
+from scipy.special import logsumexp
+from searches import fitted as by_hand
+from searches import found
+from test_hypotheses_judged import hypothesis, stand
+from trials import CALM, SHIP, values
+
+from manoeuvre_nn.diagnosis import decision, proof
+from manoeuvre_nn.diagnosis.decision import MAX_SETTLED, decide
+from manoeuvre_nn.diagnosis.fits import at_rest, refine
+from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
+from manoeuvre_nn.estimation.corrections import CoefficientPrior
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
+from manoeuvre_nn.estimation.prepared_run import base_columns
+from manoeuvre_nn.estimation.relinearise import COEFFICIENT_PRIORS, gain_by_coefficient_priors
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+LEVEL = 4
+
+
+@pytest.mark.parametrize("own", [CoefficientPrior(), CoefficientPrior(0.6, 3.0)])
+@pytest.mark.parametrize("speed", [0.0, 5.0])
+def test_the_gain_is_the_mean_over_runs_that_were_made_with_each_prior(own, speed):
+    """A second route: runs whitened anew with each of them, noise levels summed out."""
+    whole = [replace(p, base=base_columns(CALM, p.linearised)) for p in stand("wind").runs]
+    data_set = WhitenedDataSet(CALM, whole, own)
+    h = hypothesis(SteadyWind(SHIP, speed=speed, from_deg=80.0)) if speed else Hypothesis((), ())
+
+    def evidence(prior: CoefficientPrior) -> float:
+        likelihood = MarginalLikelihood(WhitenedDataSet(CALM, whole, prior))
+        columns = likelihood.columns(h) if speed else None
+        levels, of_levels = data_set.levels.beside(LEVEL), log_prior_levels(data_set, PROCESS_PRIOR)
+        return float(logsumexp([likelihood.posterior(columns, g).evidence + of_levels[g] for g in levels]))
+
+    at = replace(MarginalLikelihood(data_set).evaluate(h, around=LEVEL), hypothesis=h, best=(LEVEL, 2))
+    each = [evidence(prior) for prior in COEFFICIENT_PRIORS]
+    assert max(each) - min(each) > 0.5, "or any mean would do"
+    assert gain_by_coefficient_priors(data_set, at) == approx(logsumexp(each) - np.log(12) - evidence(own), abs=0.05)
+
+
+@pytest.fixture
+def weighed(monkeypatch):
+    """Log evidence after the search has been weighed with all priors, of which hypotheses gain so much."""
+
+    def run(gains: dict, *hypotheses):
+        monkeypatch.setattr(decision, "beside", lambda likelihood, h: likelihood)
+        monkeypatch.setattr(decision, "gain_by_coefficient_priors", lambda data_set, j: gains.get(j.names, 0.0))
+        result = decision._by_any_coefficient_prior(found(*hypotheses, none=-3.0))
+        assert result.none.evidence == -3.0
+        return [("+".join(j.names), round(j.evidence, 6)) for j in result.fitted]
+
+    return run
+
+
+def test_a_name_gains_what_it_gains_beyond_calm_water(weighed):
+    some = by_hand(9.0, "current"), by_hand(3.5, "rudder_offset"), by_hand(2.0, "current", "rudder_offset")
+    gains = {(): -2.5, ("current",): -2.0, ("rudder_offset",): 1.0, ("current", "rudder_offset"): -2.6}
+    assert weighed(gains, *some) == [("current", 9.5), ("rudder_offset", 7.0), ("current+rudder_offset", 1.9)]
+
+
+@pytest.mark.parametrize("evidence, gained", [(-3.1, 0.0), (-2.9, 1.0), (8.9, 1.0), (9.1, 0.0)])
+def test_where_a_name_leads_clearly_or_none_does_nothing_is_weighed_again(weighed, evidence, gained):
+    """Calm water has -3; from 12 more on runs are linearised about what leads, and have its prior."""
+    assert weighed({("current",): 1.0}, by_hand(evidence, "current")) == [("current", approx(evidence + gained))]
+
+
+def test_what_is_behind_the_first_few_keeps_its_distance_to_calm_water(weighed):
+    names = ["current", "rudder_offset", "heading_bias", "log_scale"]
+    every = [*combinations(names, 1), *combinations(names, 2)]
+    some = [by_hand(5.0 - k, *one) for k, one in enumerate(every)]
+    found = [evidence for _, evidence in weighed({one: 0.25 for one in every}, *some)]
+    assert found == [5.25 - k for k in range(MAX_SETTLED)] + [5.0 - MAX_SETTLED]
+    assert weighed({}) == []
+
+
+def test_a_gusty_wind_gains_what_the_steady_one_does(weighed):
+    """Without its course, which is no column, coefficients would have to explain the gusts."""
+
+    def made(effect, evidence: float):
+        return replace(by_hand(evidence), hypothesis=Hypothesis((effect,), (values(effect),)))
+
+    gusty, steady = made(GustyWind(SHIP, speed=9.0), 8.0), made(SteadyWind(SHIP, speed=9.0), 4.0)
+    gains = {("wind_steady",): 1.5, ("wind_gusty",): 50.0}
+    assert weighed(gains, gusty, steady) == [("wind_gusty", 9.5), ("wind_steady", 5.5)]
+    assert weighed(gains, gusty) == [("wind_gusty", 8.0)]
+
+
+def test_the_decision_is_made_on_what_all_priors_say(monkeypatch):
+    order = []
+    monkeypatch.setattr(decision, "_by_any_coefficient_prior", lambda result: order.append(result) or 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        decide(found())
+    assert len(order) == 1
+
+
+def test_held_out_runs_are_weighed_with_all_priors_too(monkeypatch):
+    likelihood = MarginalLikelihood(stand("wind"))
+    wind = likelihood.evaluate(hypothesis(SteadyWind(SHIP, speed=10.0, from_deg=60.0)), around=LEVEL)
+    question = SimpleNamespace(held_out=likelihood, case=SimpleNamespace(held_out=[1], fitted=[]))
+    monkeypatch.setattr(proof, "same_campaigns", lambda fitted, held_out: [0, 1])
+    held = replace(wind.hypothesis, fixed=frozenset({"speed", "from_deg"}))
+    data_set, there = at_rest(likelihood.data_set, refine(likelihood, held, *wind.best))
+    gain, found = gain_by_coefficient_priors(data_set, there), proof.in_held_out_runs(question, wind)
+    assert abs(gain) > 0.03 and found.evidence == approx(there.evidence + gain)
+    # The formula's uncertain parts are free there, and yet predictions are made with those of the fitted runs.
+    assert not there.hypothesis.values[0] == approx(wind.hypothesis.values[0])
+    np.testing.assert_array_equal(found.hypothesis.values[0], wind.hypothesis.values[0])
+    assert found.hypothesis.unknowns() == [] and found.covariance.shape == (0, 0)
