@@ -101,6 +101,11 @@ def test_what_cannot_be_seen_is_refused(sees, per, said):
         Quantities(INPUTS, PITCH, sees, per)
 
 
+def test_a_response_of_nothing_is_refused():
+    with pytest.raises(InputError, match="inputs: there are none"):
+        Quantities((), PITCH, ("V",))
+
+
 def test_records_that_are_too_few_or_not_finite_are_refused():
     many = Records(INPUTS, PITCH, np.ones((9, 3)), np.full(9, 0.1))
     check_records(many)
