@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_UNKNOWN, MIN_GAIN_TO_TRY, raised
-from manoeuvre_nn.diagnosis.fits import fitted_at_rest
+from manoeuvre_nn.diagnosis.fits import at_rest, refine
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.search import (
     MIN_GAIN_OF_SINGLE,
@@ -21,6 +21,7 @@ from manoeuvre_nn.diagnosis.unknown import receiver_wander, unknown_evidence
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.relinearise import beside, gain_by_coefficient_priors
@@ -140,8 +141,9 @@ def settled(result: SearchResult, workers: int = 1) -> SearchResult:
     """The search with the hypotheses that are still in the race linearised about their own states until these rest.
 
     They are those within :data:`MAX_DEFICIT_IN_RACE` of the best, and of several effects the best with one of them
-    less: what the last one adds about common states it need not add about its own. One effect alone is in no race. All
-    were linearised about the same states before; what is not in the race loses what the best loses.
+    less: what the last one adds about common states it need not add about its own, nor beside the same without it about
+    these. One effect alone is in no race. All were linearised about the same states before; what is not in the race
+    loses what the best loses.
 
     Args:
         result: Of the search.
@@ -152,14 +154,28 @@ def settled(result: SearchResult, workers: int = 1) -> SearchResult:
     """
     known = dict[tuple[str, ...], float]()
     while len(known) < MAX_SETTLED and (race := [j for j in _race(result) if j.names not in known]):
-        rested = shared_out([partial(fitted_at_rest, result.likelihood.data_set, j) for j in race], workers)
-        now = {j.names: found.evidence for j, found in zip(race, rested, strict=True)}
+        parts = [[part for part in race if has_one_less(part, j)] for j in race]
+        asked = zip(race, parts, strict=True)
+        rested = list(shared_out([partial(_rested, result.likelihood.data_set, j, some) for j, some in asked], workers))
+        now = {j.names: found.evidence for j, (found, _) in zip(race, rested, strict=True)}
+        for some, (_, beside_it) in zip(parts, rested, strict=True):
+            for part, found in zip(some, beside_it, strict=True):
+                now[part.names] = max(now[part.names], found.evidence)
         # What was not looked at is not credited with what the best gains.
         lost = 0.0 if known else max(race[0].evidence - now[race[0].names], 0.0)
         known |= now
         fitted = [replace(j, evidence=known.get(j.names, j.evidence - lost)) for j in result.fitted]
         result = replace(result, fitted=sorted(fitted, key=lambda j: -j.evidence))
     return result
+
+
+def _rested(
+    data_set: WhitenedDataSet, fitted: FittedHypothesis, parts: Sequence[FittedHypothesis]
+) -> tuple[FittedHypothesis, list[FittedHypothesis]]:
+    """A hypothesis about its own states, and others about these states."""
+    there, found = at_rest(data_set, fitted)
+    likelihood = MarginalLikelihood(there)
+    return found, [refine(beside(likelihood, p.hypothesis), p.hypothesis, *p.best) for p in parts]
 
 
 def _race(result: SearchResult) -> list[FittedHypothesis]:
