@@ -15,7 +15,7 @@ from tiers import mainly
 from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, values
 
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.diagnosis import fits
+from manoeuvre_nn.diagnosis import decision, fits
 from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.fits import at_rest
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs
@@ -113,6 +113,22 @@ def test_linearised_until_it_rests_another_linearisation_changes_little():
     kept = [k for k, f in enumerate(found.hypothesis.unknowns()) if not f.parameter.form]
     found_at, true = found.hypothesis.vector()[kept], np.array([10.0, 60.0])
     assert (np.abs(found_at - true) < 3.5 * found.errors[kept] + 0.01 * true).all()
+
+
+def test_a_part_of_several_effects_is_fitted_about_the_states_of_all_of_them():
+    """An offset of the rudder of 12 deg beside a wind that is not there: about the states of both it is as likely."""
+    trial = [RudderOffset(SHIP, offset_deg=12.0)]
+    data_set = whitened_data_set(CALM, runs([CIRCLE, ZIGZAG], trial))
+    offset, wind = RudderOffset(SHIP, offset_deg=11.0), SteadyWind(SHIP, speed=1.0, from_deg=80.0)
+    likelihood = MarginalLikelihood(data_set)
+    one, both = (fits.refine(likelihood, hypothesis(*some), 4, 2) for some in ((offset,), (wind, offset)))
+    found, (part,) = decision._rested(data_set, both, [one])
+    there, again = at_rest(data_set, both)
+    assert found.evidence == approx(again.evidence) and found.names == both.names
+    beside_it = fits.refine(MarginalLikelihood(there), one.hypothesis, *one.best)
+    assert part.evidence == approx(beside_it.evidence) and part.names == one.names
+    assert abs(part.evidence - one.evidence) > 1.0, "or any states would do"
+    assert part.evidence > found.evidence - 3.0
 
 
 @pytest.mark.parametrize("acting", mainly(1, ["wind", "nothing"]))
