@@ -13,9 +13,10 @@ from searches import found
 from test_hypotheses_judged import hypothesis, stand
 from trials import CALM, SHIP, values
 
-from manoeuvre_nn.diagnosis import decision, proof
+from manoeuvre_nn.diagnosis import decision, diagnose, proof
 from manoeuvre_nn.diagnosis.decision import MAX_SETTLED, decide
 from manoeuvre_nn.diagnosis.fits import at_rest, refine
+from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
 from manoeuvre_nn.estimation.corrections import CoefficientPrior
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
@@ -93,6 +94,28 @@ def test_a_gusty_wind_gains_what_the_steady_one_does(weighed):
     gains = {("wind_steady",): 1.5, ("wind_gusty",): 50.0}
     assert weighed(gains, gusty, steady) == [("wind_gusty", 9.5), ("wind_steady", 5.5)]
     assert weighed(gains, gusty) == [("wind_gusty", 8.0)]
+
+
+GUSTS = GustyWind(SHIP, speed=9.0), SteadyWind(SHIP, speed=9.0)
+
+
+@pytest.mark.parametrize("steady_there, helps", [(24.8, False), (23.2, True)])
+@pytest.mark.parametrize("beside", [(), (Current(SHIP),)])
+def test_gusts_must_add_six_in_fitted_and_held_out_runs_to_the_steady_wind(monkeypatch, steady_there, helps, beside):
+    """Wrong load functions look like gusts in one run, not in all."""
+
+    def made(effect, evidence: float):
+        effects = (*beside, effect)
+        return replace(by_hand(evidence), hypothesis=Hypothesis(effects, tuple(values(e) for e in effects)))
+
+    gusty, steady, other = made(GUSTS[0], 30.0), made(GUSTS[1], 20.0), by_hand(21.0, "rudder_offset")
+    assert decision.has_one_less(steady, gusty) and not decision.has_one_less(gusty, steady)
+    assert not decision.has_one_less(other, gusty) and not decision.has_one_less(steady, steady)
+    claims = decision._claims(found(gusty, other, steady), gusty, None, False)
+    assert claims[:2] == [gusty, steady] and claims.count(steady) == 1
+    monkeypatch.setattr(diagnose, "in_held_out_runs", lambda question, j: replace(j, evidence=steady_there))
+    alone = [c for c in claims if len(c.names) == len(gusty.names)]
+    assert diagnose._last_effect_helps(None, gusty, 20.0, alone) is helps
 
 
 def test_the_decision_is_made_on_what_all_priors_say(monkeypatch):

@@ -294,12 +294,14 @@ def base_rate(size: int, effects: int) -> float:
 def _claims(
     result: SearchResult, best: FittedHypothesis | None, formula: FittedHypothesis | None, strange: bool
 ) -> list[FittedHypothesis]:
-    """The best with a name, its rivals, all pairs of three effects, the best one alone, a formula for the unknown."""
+    """The best with a name, it without gusts, its rivals, all pairs of three effects, the best one alone, a formula."""
     claims = [] if best is None else [best]
     for size in range(len(best.names) - 1 if best else 0, 0, -1):
         fewer = [j for j in result.fitted if len(j.names) == size and set(j.names) < set(claims[0].names)]
         claims += fewer if size > 1 else fewer[:1]
-    claims[1:1] = [] if best is None else [j for j in _worthy(result) if are_rivals(best, j)][: MAX_IN_RACE - 1]
+    steady = [j for j in result.fitted if best and is_without_gusts(j, best)][:1]
+    rivals = [j for j in _worthy(result) if best and are_rivals(best, j) and j not in steady]
+    claims[1:1] = [*steady, *rivals[: MAX_IN_RACE - 1]]
     if formula is not None and (strange or formula.evidence > result.none.evidence + MIN_GAIN_OF_UNKNOWN):
         claims.append(formula)
     return claims
@@ -312,8 +314,16 @@ def are_rivals(leading: FittedHypothesis, other: FittedHypothesis) -> bool:
 
 
 def has_one_less(fewer: FittedHypothesis, several: FittedHypothesis) -> bool:
-    """Whether a hypothesis is another one without one of its effects."""
-    return len(fewer.names) == len(several.names) - 1 and set(fewer.names) < set(several.names)
+    """Whether a hypothesis is another one without one of its effects, or without its gusts."""
+    is_part = len(fewer.names) == len(several.names) - 1 and set(fewer.names) < set(several.names)
+    return is_part or is_without_gusts(fewer, several)
+
+
+def is_without_gusts(steady: FittedHypothesis, gusty: FittedHypothesis) -> bool:
+    """Whether a hypothesis is another one with a steady wind in place of a gusty one."""
+    effects = gusty.hypothesis.effects
+    without = {e.variant_of if e.random else e.name for e in effects}
+    return any(e.random for e in effects) and set(steady.names) == without
 
 
 def _worthy(result: SearchResult) -> list[FittedHypothesis]:

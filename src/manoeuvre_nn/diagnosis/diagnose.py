@@ -268,9 +268,9 @@ def _acts(hypothesis: Hypothesis) -> bool:
 def _last_effect_helps(
     question: Question, claim: FittedHypothesis, held_out: float, claims: Sequence[FittedHypothesis]
 ) -> bool:
-    """Whether several effects say more in fitted and held-out runs together than the best of them with one less."""
-    fewer = [j for j in claims if has_one_less(j, claim)][:1]
-    others = [j.evidence + in_held_out_runs(question, j).evidence for j in fewer]
+    """Whether effects say more in fitted and held-out runs together than the best with one less, or without gusts."""
+    fewer = {len(j.names): j for j in reversed(claims) if has_one_less(j, claim)}
+    others = [j.evidence + in_held_out_runs(question, j).evidence for j in fewer.values()]
     return claim.evidence + held_out > max(others, default=-np.inf) + (MIN_GAIN_OF_SECOND if others else 0.0)
 
 
