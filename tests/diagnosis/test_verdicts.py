@@ -43,6 +43,7 @@ def decided(monkeypatch):
 
     def run(factors: dict, unknown: float = -5.0, lacked: float | None = None):
         monkeypatch.setattr(under_test, "beside", lambda likelihood, hypothesis: likelihood)
+        monkeypatch.setattr(under_test, "gain_by_coefficient_priors", lambda data_set, j: 0.0)
         monkeypatch.setattr(under_test, "short_formula", lambda likelihood, none: None)
         monkeypatch.setattr(under_test, "unknown_evidence", lambda likelihood, none, formula: CALM_EVIDENCE + unknown)
         monkeypatch.setattr(under_test, "receiver_wander", lambda *_: ReceiverWander(0.0, 1.0, -np.inf))
