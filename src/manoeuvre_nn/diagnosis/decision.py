@@ -300,7 +300,7 @@ def _claims(
         fewer = [j for j in result.fitted if len(j.names) == size and set(j.names) < set(claims[0].names)]
         claims += fewer if size > 1 else fewer[:1]
     steady = [j for j in result.fitted if best and is_without_gusts(j, best)][:1]
-    rivals = [j for j in _worthy(result) if best and are_rivals(best, j) and j not in steady]
+    rivals = [j for j in _worthy(result) if best and are_rivals(best, j) and not is_without_gusts(j, best)]
     claims[1:1] = [*steady, *rivals[: MAX_IN_RACE - 1]]
     if formula is not None and (strange or formula.evidence > result.none.evidence + MIN_GAIN_OF_UNKNOWN):
         claims.append(formula)
