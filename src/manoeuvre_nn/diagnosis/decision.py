@@ -249,14 +249,14 @@ def _by_any_coefficient_prior(result: SearchResult) -> SearchResult:
     def gain(j: FittedHypothesis) -> float:
         return gain_by_coefficient_priors(beside(result.likelihood, j.hypothesis).data_set, j)
 
-    near = result.fitted[:MAX_SETTLED]
+    near, rest = result.fitted[:MAX_SETTLED], result.fitted[MAX_SETTLED:]
     # Gusts are no column of their own: a gusty wind gains what the steady one does.
-    steady = {j.names: j for j in result.fitted if not any(e.random for e in j.hypothesis.effects)}
-    ways = {id(j): tuple(e.variant_of if e.random else e.name for e in j.hypothesis.effects) for j in near}
+    by_names = {frozenset(j.names): j for j in result.fitted}
+    ways = [_without_gusts(j) for j in near]
     calm = gain(result.none)
-    more = {names: gain(steady[names]) - calm for names in set(ways.values()) if names in steady}
-    fitted = [replace(j, evidence=j.evidence + more.get(ways.get(id(j), ()), 0.0)) for j in result.fitted]
-    return replace(result, fitted=sorted(fitted, key=lambda j: -j.evidence))
+    more = {way: gain(by_names[way]) - calm for way in set(ways) if way in by_names}
+    weighed = [replace(j, evidence=j.evidence + more.get(way, 0.0)) for j, way in zip(near, ways, strict=True)]
+    return replace(result, fitted=sorted([*weighed, *rest], key=lambda j: -j.evidence))
 
 
 def _by_usual_receiver(
@@ -321,9 +321,12 @@ def has_one_less(fewer: FittedHypothesis, several: FittedHypothesis) -> bool:
 
 def is_without_gusts(steady: FittedHypothesis, gusty: FittedHypothesis) -> bool:
     """Whether a hypothesis is another one with a steady wind in place of a gusty one."""
-    effects = gusty.hypothesis.effects
-    without = {e.variant_of if e.random else e.name for e in effects}
-    return any(e.random for e in effects) and set(steady.names) == without
+    return set(steady.names) == _without_gusts(gusty) != set(gusty.names)
+
+
+def _without_gusts(fitted: FittedHypothesis) -> frozenset[str]:
+    """Names of a hypothesis' effects, of a steady wind in place of a gusty one."""
+    return frozenset(e.variant_of if e.random else e.name for e in fitted.hypothesis.effects)
 
 
 def _worthy(result: SearchResult) -> list[FittedHypothesis]:

@@ -248,7 +248,7 @@ def _put_to_proof(
     likelier = tested and gain > least_gain(claim) and least == REFUTED
     lasting = (foretold or likelier) and _last_effect_helps(question, claim, there.evidence, claims)
     helped, surplus = foretold and lasting, foretold and not lasting
-    fewer = "; fewer of these effects do as well" if surplus else ""
+    fewer = "; less than that does as well" if surplus else ""
     text = (
         f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
         f"and the log evidence of the held-out runs by {gain:+.0f}{fewer}"
@@ -269,7 +269,7 @@ def _last_effect_helps(
     question: Question, claim: FittedHypothesis, held_out: float, claims: Sequence[FittedHypothesis]
 ) -> bool:
     """Whether effects say more in fitted and held-out runs together than the best with one less, or without gusts."""
-    fewer = {len(j.names): j for j in reversed(claims) if has_one_less(j, claim)}
+    fewer = {len(j.names): j for j in reversed(claims) if has_one_less(j, claim)}  # the first of each size
     others = [j.evidence + in_held_out_runs(question, j).evidence for j in fewer.values()]
     return claim.evidence + held_out > max(others, default=-np.inf) + (MIN_GAIN_OF_SECOND if others else 0.0)
 
