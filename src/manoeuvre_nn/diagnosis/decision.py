@@ -153,17 +153,21 @@ def settled(result: SearchResult, workers: int = 1) -> SearchResult:
         The same with their evidence about their own states.
     """
     known = dict[tuple[str, ...], float]()
-    while len(known) < MAX_SETTLED and (race := [j for j in _race(result) if j.names not in known]):
-        parts = [[part for part in race if has_one_less(part, j)] for j in race]
-        asked = zip(race, parts, strict=True)
-        rested = list(shared_out([partial(_rested, result.likelihood.data_set, j, some) for j, some in asked], workers))
-        now = {j.names: found.evidence for j, (found, _) in zip(race, rested, strict=True)}
-        for some, (_, beside_it) in zip(parts, rested, strict=True):
-            for part, found in zip(some, beside_it, strict=True):
-                now[part.names] = max(now[part.names], found.evidence)
+    while len(known) < MAX_SETTLED:
+        race = _race(result)
+        new = {j.names for j in race} - known.keys()
+        if not new:
+            break
+        # What has rested does so again only if a part of it is new.
+        parts = {j.names: [part for part in race if has_one_less(part, j)] for j in race}
+        asked = [j for j in race if j.names in new or any(part.names in new for part in parts[j.names])]
+        steps = [partial(_rested, result.likelihood.data_set, j, parts[j.names]) for j in asked]
+        first, leading = not known, race[0]
+        for found, beside_it in shared_out(steps, workers):
+            for rested in (found, *beside_it):
+                known[rested.names] = max(known.get(rested.names, -np.inf), rested.evidence)
         # What was not looked at is not credited with what the best gains.
-        lost = 0.0 if known else max(race[0].evidence - now[race[0].names], 0.0)
-        known |= now
+        lost = max(leading.evidence - known[leading.names], 0.0) if first else 0.0
         fitted = [replace(j, evidence=known.get(j.names, j.evidence - lost)) for j in result.fitted]
         result = replace(result, fitted=sorted(fitted, key=lambda j: -j.evidence))
     return result

@@ -1,0 +1,81 @@
+"""Which hypotheses are linearised about their own states before a decision, and what others are about these."""
+
+from dataclasses import replace
+
+import pytest
+from searches import EFFECTS, fitted, found
+
+from manoeuvre_nn.diagnosis import decision as under_test
+from manoeuvre_nn.diagnosis.decision import settled
+
+pytestmark = pytest.mark.usefixtures("unchecked_types")
+
+RACES = [
+    ((20.0, 15.2, 14.8), 2),  # five behind the best are out of the race
+    ((20.0, 19.0, 18.0, 17.0), 3),
+    ((20.0, 14.0), 0),
+    ((5.2, 5.0), 2),
+    ((4.8, 4.7), 0),  # no alarm: nothing to race for
+]
+
+
+@pytest.mark.parametrize("gains, raced", RACES)
+def test_hypotheses_close_behind_the_best_are_linearised_about_their_own_states(monkeypatch, gains, raced):
+    made = [fitted(g - 3.0, name) for g, name in zip(gains, EFFECTS, strict=False)]
+    seen = []
+
+    def rested(data_set, j, parts):
+        seen.append(j)
+        assert not parts
+        return replace(j, evidence=30.0 - j.evidence), []
+
+    monkeypatch.setattr(under_test, "_rested", rested)
+    after = settled(found(*made, none=-3.0))
+    assert len(seen) == raced and [id(j) for j in seen] == [id(j) for j in made[:raced]]
+    assert [j.evidence for j in after.fitted] == sorted((j.evidence for j in after.fitted), reverse=True)
+    assert raced == 0 or after.fitted[0].names == made[raced - 1].names
+
+
+PAIR, PART, OTHER = ("current", "log_scale"), ("log_scale",), ("rudder_offset",)
+
+
+@pytest.mark.parametrize("rest, of_pair, raced, other", [
+    ({PAIR: 1.0, PART: 11.0}, 0.0, [PAIR, PART], 19.5 - 24.0),
+    # Without the pair another one is close behind the best.
+    ({PAIR: 24.0, PART: 22.0, OTHER: 20.0}, 0.0, [PAIR, PART, OTHER], 20.0),
+    ({PAIR: 40.0, PART: 11.0}, 0.0, [PAIR, PART], 19.5),  # what the best gains others do not
+    ({PAIR: 40.0, PART: 11.0}, 39.0, [PAIR, PART], 19.5),  # about the pair's states its part explains as much
+])  # fmt: skip
+def test_what_the_last_of_two_effects_adds_is_told_about_the_states_of_each(monkeypatch, rest, of_pair, raced, other):
+    """About common states a pair adds 15 to its best part, about those of each less than 6."""
+    seen = []
+
+    def rested(data_set, j, parts):
+        seen.append(j.names)
+        assert [part.names for part in parts] == ([PART] if j.names == PAIR else [])
+        return replace(j, evidence=rest[j.names]), [replace(part, evidence=of_pair) for part in parts]
+
+    monkeypatch.setattr(under_test, "_rested", rested)
+    made = [fitted(25.0, *PAIR), fitted(19.5, *OTHER), fitted(10.0, *PART), fitted(9.0, "current")]
+    after = settled(found(*made, none=-9.0)).fitted
+    assert seen == raced and after[0].names == max(rest, key=lambda names: rest[names])
+    assert {j.names: j.evidence for j in after} == {
+        **rest,
+        PART: max(rest[PART], of_pair),
+        OTHER: other,
+        ("current",): 9.0 - max(25.0 - rest[PAIR], 0.0),
+    }
+
+
+def test_a_part_that_has_rested_is_fitted_about_the_states_of_a_pair_that_comes_later(monkeypatch):
+    late, seen = ("rudder_offset", "log_scale"), []
+
+    def rested(data_set, j, parts):
+        seen.append((j.names, [part.names for part in parts]))
+        return replace(j, evidence=13.0 if j.names == OTHER else 20.5), [replace(p, evidence=18.0) for p in parts]
+
+    monkeypatch.setattr(under_test, "_rested", rested)
+    after = settled(found(fitted(21.0, "current"), fitted(20.0, *OTHER), fitted(19.8, *late), none=-9.0)).fitted
+    # About common states it added nothing to 20; of 13, which its part reaches about its own states, it is 6.3 ahead.
+    assert seen == [(("current",), []), (OTHER, []), (late, [OTHER])]
+    assert {j.names: j.evidence for j in after}[OTHER] == 18.0
