@@ -358,18 +358,17 @@ def test_a_claim_that_is_only_the_nearest_gives_way_to_the_next(monkeypatch, poo
         assert proved(monkeypatch, claims[:1], gains, {}, poor=poor)[0].names == (), "gains alone are no proof of it"
 
 
-@pytest.mark.parametrize("one_too_many, chosen", [
-    (True, ("current", "wave_drift")), (False, ("current", "wave_drift", "log_scale"))
-])  # fmt: skip
-def test_where_fewer_effects_do_as_well_these_are_asked_before_rivals_with_as_many(monkeypatch, one_too_many, chosen):
-    """A rival of three has the same third one, which it needs to make up for what is wrong in it."""
+@pytest.mark.parametrize("too_many", [0, 1, 2])
+def test_where_fewer_effects_do_as_well_rivals_with_as_many_are_asked_and_then_these(monkeypatch, too_many):
+    """Unless a rival of three has the same third one, which it needs to make up for what is wrong in it."""
     three, rival, two = ("current", "wave_drift", "log_scale"), ("wind_steady", "wave_drift", "log_scale"), (
         "current", "wave_drift",
     )  # fmt: skip
     claims = [fit(160.0, *three), fit(158.0, *rival), fit(159.0, *two)]
+    names = [three, rival, two]
     gains = {three: 30.0, rival: 20.0, two: 30.0}
-    found, *_ = proved(monkeypatch, claims, gains, {}, surplus=[three] if one_too_many else [])
-    assert found.names == chosen
+    found, *_ = proved(monkeypatch, claims, gains, {}, surplus=names[:too_many])
+    assert found.names == names[too_many]
 
 
 @pytest.mark.parametrize("alone, corrected, after", [(1.0, 3.0, 1.0), (1.0, 2.05, 2.05), (3.5, 3.0, None)])

@@ -4,9 +4,12 @@ from dataclasses import replace
 
 import pytest
 from searches import EFFECTS, fitted, found
+from trials import SHIP, values
 
 from manoeuvre_nn.diagnosis import decision as under_test
-from manoeuvre_nn.diagnosis.decision import settled
+from manoeuvre_nn.diagnosis.decision import MIN_GAIN_TO_ASK, settled
+from manoeuvre_nn.effect.local import SideForce
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -65,6 +68,29 @@ def test_what_the_last_of_two_effects_adds_is_told_about_the_states_of_each(monk
         OTHER: other,
         ("current",): 9.0 - max(25.0 - rest[PAIR], 0.0),
     }
+
+
+@pytest.mark.parametrize("gain, raced", [(0.9, []), (1.1, [PART, PAIR])])
+def test_what_nearly_adds_enough_to_the_best_is_linearised_about_its_own_states_too(monkeypatch, gain, raced):
+    seen = []
+
+    def rested(data_set, j, parts):
+        seen.append(j.names)
+        return j, list(parts)
+
+    monkeypatch.setattr(under_test, "_rested", rested)
+    settled(found(fitted(20.0 + gain, *PAIR), fitted(20.0, *PART), none=-9.0))
+    assert seen == raced
+
+
+@pytest.mark.parametrize("lever, asked", [(0.6, False), (0.3, True)])
+def test_an_event_at_the_end_of_what_is_possible_is_not_asked(lever, asked):
+    """A small random moment is a force at the longest lever."""
+    force = SideForce(SHIP, force_kN=50.0, lever_m=lever * SHIP.particulars.length, start_s=60.0, end_s=90.0)
+    best, both = fitted(20.0, "current"), fitted(25.0, "current", "log_scale")
+    effects = (best.hypothesis.effects[0], force)
+    both = replace(both, hypothesis=Hypothesis(effects, tuple(values(e) for e in effects)))
+    assert under_test._worthy(found(both, best), MIN_GAIN_TO_ASK) == ([both, best] if asked else [best])
 
 
 def test_a_part_that_has_rested_is_fitted_about_the_states_of_a_pair_that_comes_later(monkeypatch):

@@ -180,6 +180,15 @@ def test_the_last_of_several_effects_must_add_six_in_fitted_and_held_out_runs_to
     assert diagnosing._last_effect_helps(Mock(), three, 10.0, claims) is helps
 
 
+@pytest.mark.parametrize("name, helps", [("rudder_offset", False), ("formula", True)])
+def test_two_effects_must_add_six_to_another_one_alone_too(monkeypatch, name, helps):
+    """A fouled hull less a pitch error is an ice resistance; a formula is no effect with a name."""
+    two, part = fitted(20.0, "current", "log_scale"), fitted(10.0, "current")
+    other = SimpleNamespace(names=(name,), evidence=19.0, hypothesis=SimpleNamespace(effects=()))
+    monkeypatch.setattr(diagnosing, "in_held_out_runs", lambda question, j: fitted(5.0, "current"))
+    assert diagnosing._last_effect_helps(Mock(), two, 5.0, [two, part, other]) is helps
+
+
 @pytest.mark.parametrize("degrees, moved", [(1.0, False), (1.05, True)])
 def test_an_indicator_that_flickers_between_two_neighbouring_whole_degrees_shows_no_rudder_that_moves(degrees, moved):
     run = run_of(sailed([CIRCLE])[0].between(0.0, 5.0), derived=())

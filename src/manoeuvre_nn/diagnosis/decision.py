@@ -12,6 +12,7 @@ from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_UNKNOWN, MIN_GAIN_TO_TRY, r
 from manoeuvre_nn.diagnosis.fits import at_rest, refine
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.search import (
+    MIN_GAIN_OF_SECOND,
     MIN_GAIN_OF_SINGLE,
     MIN_GAIN_TO_RELINEARISE,
     SearchResult,
@@ -36,6 +37,8 @@ MIN_CALM_WITHOUT_ALARM = 0.6
 MAX_DEFICIT_IN_RACE, MAX_IN_RACE, MAX_SETTLED = 5.0, 3, 9
 """Log evidence by which a hypothesis may lie behind the best to be linearised about its own states; how many are at
 once, and in all."""
+MIN_GAIN_TO_ASK = MIN_GAIN_OF_SECOND - MAX_DEFICIT_IN_RACE
+"""Log evidence that the last of several effects must add for runs that were not used to be asked for the rest."""
 MAX_UNPROVED, MIN_UNKNOWN = 0.49, 0.6
 """Probability of what was found but not proved, at most; of something unknown that is claimed, at least."""
 
@@ -140,10 +143,10 @@ class Decision:
 def settled(result: SearchResult, workers: int = 1) -> SearchResult:
     """The search with the hypotheses that are still in the race linearised about their own states until these rest.
 
-    They are those within :data:`MAX_DEFICIT_IN_RACE` of the best, and of several effects the best with one of them
-    less: what the last one adds about common states it need not add about its own, nor beside the same without it about
-    these. One effect alone is in no race. All were linearised about the same states before; what is not in the race
-    loses what the best loses.
+    They are those within :data:`MAX_DEFICIT_IN_RACE` of the best, of which the last effect may add too little, and of
+    several effects the best with one of them less: what the last one adds about common states it need not add about its
+    own, nor beside the same without it about these. One effect alone is in no race. All were linearised about the same
+    states before; what is not in the race loses what the best loses.
 
     Args:
         result: Of the search.
@@ -190,7 +193,10 @@ def _race(result: SearchResult) -> list[FittedHypothesis]:
     named = [j for j in steady if j.names in worthy]
     if not named or named[0].evidence < result.none.evidence + MIN_GAIN_TO_TRY:
         return []
-    race = [j for j in named if j.evidence > named[0].evidence - MAX_DEFICIT_IN_RACE][:MAX_IN_RACE]
+    near = [j for j in steady if j.evidence > named[0].evidence - MAX_DEFICIT_IN_RACE]
+    race = [j for j in near if j.names in worthy][:MAX_IN_RACE]
+    asked = {j.names for j in _worthy(result, MIN_GAIN_TO_ASK)} - worthy
+    race += [j for j in near if j.names in asked][: MAX_IN_RACE - 1]
     for several in race[:]:
         fewer = [j for j in steady if has_one_less(j, several)]
         race += [j for j in fewer[:1] if all(j.names != other.names for other in race)]
@@ -298,14 +304,21 @@ def base_rate(size: int, effects: int) -> float:
 def _claims(
     result: SearchResult, best: FittedHypothesis | None, formula: FittedHypothesis | None, strange: bool
 ) -> list[FittedHypothesis]:
-    """The best with a name, it without gusts, its rivals, all pairs of three effects, the best one alone, a formula."""
+    """What has one effect more than the best with a name, it, it without gusts, rivals, parts of these, a formula."""
     claims = [] if best is None else [best]
     for size in range(len(best.names) - 1 if best else 0, 0, -1):
         fewer = [j for j in result.fitted if len(j.names) == size and set(j.names) < set(claims[0].names)]
         claims += fewer if size > 1 else fewer[:1]
     steady = [j for j in result.fitted if best and is_without_gusts(j, best)][:1]
-    rivals = [j for j in _worthy(result) if best and are_rivals(best, j) and not is_without_gusts(j, best)]
-    claims[1:1] = [*steady, *rivals[: MAX_IN_RACE - 1]]
+    asked = _worthy(result, MIN_GAIN_TO_ASK) if best else []
+    rivals = [j for j in asked if best and are_rivals(best, j) and not is_without_gusts(j, best)][: MAX_IN_RACE - 1]
+    more = [j for j in asked if best and set(j.names) > set(best.names) and has_one_less(best, j)][: MAX_IN_RACE - 1]
+    claims[1:1] = [*steady, *rivals]
+    claims[:0] = more
+    # What the last effect of each adds is told beside the best of its parts, too.
+    for several in (*more, *rivals):
+        parts = [j for j in result.fitted if has_one_less(j, several)]
+        claims += [j for j in parts[:1] if all(j is not other for other in claims)]
     if formula is not None and (strange or formula.evidence > result.none.evidence + MIN_GAIN_OF_UNKNOWN):
         claims.append(formula)
     return claims
@@ -315,6 +328,12 @@ def are_rivals(leading: FittedHypothesis, other: FittedHypothesis) -> bool:
     """Whether the fitted runs alone do not settle it: as many effects, not the same ones, and hardly less evidence."""
     close = other.evidence > leading.evidence - MAX_DEFICIT_IN_RACE
     return close and len(other.names) == len(leading.names) and set(other.names) != set(leading.names)
+
+
+def is_simpler(fewer: FittedHypothesis, several: FittedHypothesis) -> bool:
+    """Whether a hypothesis has one effect less than another one, whichever, or no gusts where that has."""
+    one_less = len(fewer.names) == len(several.names) - 1 and Formula.name not in fewer.names
+    return one_less or is_without_gusts(fewer, several)
 
 
 def has_one_less(fewer: FittedHypothesis, several: FittedHypothesis) -> bool:
@@ -333,10 +352,10 @@ def _without_gusts(fitted: FittedHypothesis) -> frozenset[str]:
     return frozenset(e.variant_of if e.random else e.name for e in fitted.hypothesis.effects)
 
 
-def _worthy(result: SearchResult) -> list[FittedHypothesis]:
+def _worthy(result: SearchResult, least: float = MIN_GAIN_OF_SECOND) -> list[FittedHypothesis]:
     """Hypotheses of which no effect is there by chance and no event is where it cannot be, best first."""
     known = {frozenset(j.names): j.evidence for j in reversed(result.fitted)}
-    return [j for j in result.fitted if worth_its_size(j, known) and not _event_on_bound(j.hypothesis)]
+    return [j for j in result.fitted if worth_its_size(j, known, least) and not _event_on_bound(j.hypothesis)]
 
 
 def _event_on_bound(hypothesis: Hypothesis) -> bool:

@@ -11,7 +11,7 @@ from manoeuvre_nn.diagnosis import checks as checking
 from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_TO_TRY, least_gain
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.causes import causes_of
-from manoeuvre_nn.diagnosis.decision import Decision, are_rivals, decide, has_one_less, settled
+from manoeuvre_nn.diagnosis.decision import Decision, are_rivals, decide, is_simpler, settled
 from manoeuvre_nn.diagnosis.fits import at_rest
 from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
@@ -155,10 +155,7 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
     left, second_best = list(claims), None
     while left:
         claim = left.pop(0)
-        (asked,) = put([claim])
-        if asked.surplus:  # those with one effect less come before its rivals, which may have the same one too many
-            left.sort(key=lambda c: not has_one_less(c, claim))
-        if not asked.helped:
+        if not put([claim])[0].helped:
             continue
         # What the fitted runs leave open others may settle.
         rivals = [c for c in claims if Formula.name not in (*c.names, *claim.names) and are_rivals(claim, c)]
@@ -199,7 +196,6 @@ class _Tried:
         proofs: These, predicted with it.
         check: What came out.
         evidence: Log evidence of fitted and held-out runs together.
-        surplus: Whether it fails for one effect too many: fewer do as well.
         likelier: Whether held-out runs alone would raise an alarm, however far free runs of calm water and of it stray.
     """
 
@@ -208,7 +204,6 @@ class _Tried:
     proofs: list[Proof]
     check: Check
     evidence: float
-    surplus: bool
     likelier: bool
 
     @property
@@ -247,16 +242,15 @@ def _put_to_proof(
     # the model: the likelihood of the recording does not suffer from that.
     likelier = tested and gain > least_gain(claim) and least == REFUTED
     lasting = (foretold or likelier) and _last_effect_helps(question, claim, there.evidence, claims)
-    helped, surplus = foretold and lasting, foretold and not lasting
-    fewer = "; less than that does as well" if surplus else ""
+    fewer = "; less than that does as well" if foretold and not lasting else ""
     text = (
         f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
         f"and the log evidence of the held-out runs by {gain:+.0f}{fewer}"
     )
     untested = f"{labels(j)} did not act in a held-out run" if made else "no held-out run"
-    check = Check(GAIN, helped, text if tested else f"{untested}: not proved")
+    check = Check(GAIN, foretold and lasting, text if tested else f"{untested}: not proved")
     evidence = claim.evidence + there.evidence
-    return _Tried(j, there.hypothesis, made, check, evidence, surplus, likelier and lasting)
+    return _Tried(j, there.hypothesis, made, check, evidence, likelier and lasting)
 
 
 def _acts(hypothesis: Hypothesis) -> bool:
@@ -269,7 +263,8 @@ def _last_effect_helps(
     question: Question, claim: FittedHypothesis, held_out: float, claims: Sequence[FittedHypothesis]
 ) -> bool:
     """Whether effects say more in fitted and held-out runs together than the best with one less, or without gusts."""
-    fewer = {len(j.names): j for j in reversed(claims) if has_one_less(j, claim)}  # the first of each size
+    by_evidence = sorted(claims, key=lambda j: j.evidence)
+    fewer = {len(j.names): j for j in by_evidence if is_simpler(j, claim)}  # the best of each size
     others = [j.evidence + in_held_out_runs(question, j).evidence for j in fewer.values()]
     return claim.evidence + held_out > max(others, default=-np.inf) + (MIN_GAIN_OF_SECOND if others else 0.0)
 
