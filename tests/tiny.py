@@ -12,6 +12,7 @@ import numpy as np
 import torch
 from fleet import unchecked
 from levenberg import split
+from remembered import simulations_remembered
 from rich.console import Console
 
 from manoeuvre_nn.core.ship import Ship
@@ -36,11 +37,11 @@ def ships() -> tuple[Ship, Ship]:
 
 
 def simulated(**settings) -> SimulatedData:
-    """A Mariner's zz35, 90 s of it, judged by the first minute of zz20."""
-    given = {"manoeuvres": [zigzag(35.0)], "score": [zigzag(20.0, duration=60.0)], "length": 90.0} | settings
+    """A Mariner's zz35, 90 s of it, judged by the first half minute of zz20."""
+    given = {"manoeuvres": [zigzag(35.0)], "score": [zigzag(20.0, duration=30.0)], "length": 90.0} | settings
     manoeuvres, score, effects = given.pop("manoeuvres"), given.pop("score"), given.pop("effects", ())
     data = SimulatedData(*ships(), manoeuvres, score, effects=effects, settings=DataSettings(**given))
-    with unchecked():
+    with unchecked(), simulations_remembered():
         data.setup()
     return data
 

@@ -10,6 +10,7 @@ from tiny import Each
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.dynamics.model import IdentifiedShip
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.network.hull_rudder import HullRudder, HullRudderSettings
 from manoeuvre_nn.numerics.damping import Stops
 from manoeuvre_nn.numerics.restarts import minimise
@@ -202,7 +203,7 @@ def test_a_member_is_done_at_its_goal_or_where_its_error_hardly_falls(options, t
 
 
 def test_an_ensemble_identifies_the_mariner(tmp_path):
-    data = tiny.simulated(length=300.0)
+    data = tiny.simulated(length=300.0, score=[zigzag(20.0, duration=60.0)])
     fit = ensemble(data, members=3, epochs=40)
     done, scorer = train(fit, tmp_path, data=data)
     assert fit.relative_rmse(data.tuples.inputs, data.tuples.targets).max() < 0.05

@@ -5,6 +5,7 @@ import torch
 from levenberg import split
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.numerics.steepest_descent import RateSchedule, StoppingRules
 from manoeuvre_nn.training.fits import BackpropFit, LevenbergMarquardtFit
 
@@ -33,7 +34,7 @@ def test_one_epoch_lowers_the_error_and_tells_the_true_one(make, tmp_path):
 
 
 def test_levenberg_marquardt_identifies_the_mariner_in_few_epochs(tmp_path):
-    data = tiny.simulated(length=300.0)
+    data = tiny.simulated(length=300.0, score=[zigzag(20.0, duration=60.0)])
     fit = LevenbergMarquardtFit(tiny.dynamics(data, 7), **split(damping="nielsen"), iterations_per_epoch=10)
     trained, scorer = tiny.train(fit, tmp_path, data=data, max_epochs=20, every=20, keep="last")
     assert fit.relative_rmse(data.tuples.inputs, data.tuples.targets).max() < 0.01
