@@ -38,7 +38,7 @@ SHORT = RecursiveFitSettings(
 def data() -> SimulatedData:
     ship = container(2)
     chosen = (35.0, "starboard"), (20.0, "port"), (28.0, "starboard")
-    *circles, unseen = (tactical_circle(angle, side, approach=20.0, turn_deg=60.0) for angle, side in chosen)
+    *circles, unseen = (tactical_circle(angle, side, approach=10.0, turn_deg=30.0) for angle, side in chosen)
     made = SimulatedData(ship, no_part(ship), circles, [unseen], settings=DataSettings())
     with unchecked():
         made.setup()
