@@ -2,13 +2,14 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 from time import monotonic
 
 import numpy as np
 import pandas as pd
 import pytest
 import yaml
-from exports import EXPORTS, plain, wrapped
+from exports import EXPORTS, plain, without, wrapped
 from fleet import unchecked
 from tiers import only
 
@@ -23,7 +24,7 @@ DERIVED = {"no rate", "no rate, degrees", "no velocities", "no track", "no track
 """Exports that lack a channel: it is derived, so not exact."""
 LIKE_OTHERS = {
     "degrees", "all at once", "milliseconds", "earth", "antenna", "no rate", "astern", "rate to port", "camels",
-    "u and v exchanged",
+    "u and v exchanged", "west", "heading to port", "heading 0 to 360", "heading from east", "german",
 }  # fmt: skip
 """Exports of which others hold all, or which are read where the ship need not be known."""
 
@@ -37,6 +38,20 @@ def apart(record, run):
         error = (record[name] - record[name][0]) - (run[name] - run[name][0])
         found[name] = np.abs(error).max() / np.ptp(run[name])
     return found
+
+
+@pytest.fixture(scope="module")
+def proposed(zz20, ship, tmp_path_factory):
+    """What is proposed for an export, which several tests look at."""
+
+    @cache
+    def look(how):
+        path = tmp_path_factory.mktemp("exports") / "run.csv"
+        pd.DataFrame(EXPORTS[how](zz20)).to_csv(path, index=False)
+        with unchecked():  # types are checked where the ship need not be known
+            return propose(path, ship)
+
+    return look
 
 
 @pytest.fixture
@@ -54,14 +69,12 @@ def choice(made, channel):
 
 
 @pytest.mark.parametrize("how", only(set(EXPORTS) - LIKE_OTHERS, EXPORTS))
-def test_what_was_exported_is_read_as_it_was_sailed(zz20, ship, export, how):
-    path = export(EXPORTS[how](zz20))
-    with unchecked():  # types are checked where the ship need not be known
-        made = propose(path, ship)
+def test_what_was_exported_is_read_as_it_was_sailed(zz20, ship, proposed, how):
+    made = proposed(how)
     content = yaml.safe_load(to_yaml(made))
     assert "_target_" not in content
     made = replace(made, settings=content)
-    record = read_recording(path, made.mapping, ship)
+    record = read_recording(made.file.path, made.mapping, ship)
     errors = apart(record, zz20)
     assert max(errors.values()) < (0.08 if how in DERIVED else 0.01), (errors, to_yaml(made))
     assert made.finding is None
@@ -145,8 +158,8 @@ def test_units_that_nothing_tells_are_said_to_be_undecided(zz20, export):
     assert "reference_point: 0.0  # undecided" in to_yaml(made)
 
 
-def test_a_heading_that_states_the_wrong_unit_is_read_by_the_data_and_marked(zz20, ship, export):
-    made = propose(export(EXPORTS["headings that lie"](zz20)), ship)
+def test_a_heading_that_states_the_wrong_unit_is_read_by_the_data_and_marked(proposed):
+    made = proposed("headings that lie")
     assert "unit by data, against its heading" in choice(made, "psi").why
     assert choice(made, "u").unit == "m/s" and not choice(made, "u").decided
 
@@ -164,8 +177,8 @@ def test_two_velocities_whose_headings_state_different_units_are_marked(zz20, sh
         assert not choice(made, name).decided and "headings state different units" in choice(made, name).why
 
 
-def test_reasons_show_the_misfit_of_what_was_chosen_and_of_the_next(zz20, ship, export):
-    made = propose(export(EXPORTS["sway to port"](zz20)), ship)
+def test_reasons_show_the_misfit_of_what_was_chosen_and_of_the_next(proposed):
+    made = proposed("sway to port")
     sway = choice(made, "v")
     assert sway.sign == -1 and float(sway.misfit) < 0.02 and float(sway.next.split()[0]) > 0.2
     assert sway.next.endswith("v +")
@@ -209,9 +222,11 @@ LAYOUTS = {
 
 @pytest.mark.parametrize("how", LAYOUTS)
 def test_the_layout_of_a_text_is_found(zz20, ship, tmp_path, how):
+    """Without positions, so that no axes are looked for."""
     settings, preamble = LAYOUTS[how]
     path = tmp_path / "run.txt"
-    path.write_text(preamble + pd.DataFrame(plain(zz20)).to_csv(index=False, **settings))
+    columns = without("x", "y")(zz20)
+    path.write_text(preamble + pd.DataFrame(columns).to_csv(index=False, **settings))
     record = read_recording(path, propose(path, ship).mapping, ship)
     np.testing.assert_allclose(record["v"], zz20["v"])
 
