@@ -66,7 +66,7 @@ def as_people_run_it():
 
 @pytest.fixture(scope="module")
 def runs():
-    manoeuvres = [{"zz20": {"duration": 200.0}}, {"zz10": {"duration": 200.0}}, {"tc25": {"duration": 300.0}}]
+    manoeuvres = [{"zz20": {"duration": 150.0}}, {"zz10": {"duration": 150.0}}, {"tc25": {"duration": 150.0}}]
     with unchecked():
         return mnn.simulate("mariner_corrected", manoeuvres, effects=[CURRENT], noise=NOISE)
 
@@ -111,7 +111,7 @@ def test_a_diagnosis_names_what_was_simulated(runs):
 
 def test_a_ship_in_calm_water_and_a_fitted_model_are_scored():
     with unchecked():
-        calm = mnn.simulate("mariner", [{"zz20": {"duration": 150.0}}, {"zz10": {"duration": 150.0}}])
+        calm = mnn.simulate("mariner", [{"zz20": {"duration": 110.0}}, {"zz10": {"duration": 110.0}}])
         own = mnn.score("mariner", calm)
         fitted = mnn.fit("mariner", calm[:1], settings=["network.members=1", "trainer.max_epochs=3"])
         scores = mnn.score(fitted, calm[1:])
@@ -124,7 +124,7 @@ def test_a_fit_uses_the_settings_of_data_and_refuses_files_beside_recordings(run
     with unchecked():
         all_of_it, part = (mnn.fit("mariner_corrected", runs[:1], settings=[*short, *more]).source
                            for more in ([], ["data.length=100"]))  # fmt: skip
-    assert "zz20 (200 s)" in all_of_it and "zz20 (100 s)" in part
+    assert "zz20 (150 s)" in all_of_it and "zz20 (100 s)" in part
     with pytest.raises(InputError, match=r"data\.files names files, and recordings are given"):
         mnn.fit("mariner_corrected", runs[:1], settings=[*short, "data.files=[a.csv]"])
 

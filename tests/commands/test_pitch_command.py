@@ -10,6 +10,7 @@ import yaml
 from fleet import unchecked
 from matplotlib.figure import Figure
 from pages import unexplained
+from tiers import mainly
 
 import manoeuvre_nn as mnn
 from manoeuvre_nn.commands.groups import compose
@@ -105,29 +106,32 @@ def test_a_table_of_ones_own_is_learnt_with_a_mapping(cli, learnt, tmp_path, fas
 
 @pytest.mark.parametrize(
     "words, said",
-    [
-        (("network=wang",), "inputs of a ship's forces: write network= one of grnn, mlp, rbf"),
-        (("data=simulated",), "learns records: write data=seakeeping or data=recording"),
-        (("manoeuvre=zz20",), "there is no setting manoeuvre"),
-        (("sees.T=maybe",), "sees.T=maybe: expected true or false"),
-        (("output.name=7",), "output: '7' names no variable: expected a word of letters"),
-        (("per=V2",), "per 'V2' is unknown"),
-        (("learning=1e-9",), "learning=1e-09 and .* leave 1 to learn from: expected 2 or more"),
-        (("network=rbf", "network.hidden=90000"), "network.hidden=90000: expected from 1 to "),
-        (("learning=2",), "expected a share more than 0, to 1"),
-        (("ship=mariner", "inputs.d.values=[5,11]"), "the hull of the Mariner goes from 2.4 to 10.6 m"),
-        (("form.gyradius=long",), "expected a number"),
-        (("+form.masts=3",), "form 'masts' is unknown"),
-        (("inputs.d.unit=fathom",), "unit 'fathom' is unknown"),
-        (("inputs.d.values=[a]",), "expected numbers in brackets"),
-        (("inputs.V.possible=[null]",), "expected the smallest and the largest value"),
-        (("inputs.V.possible=5",), "expected the smallest and the largest value"),
-        (("network.scaling=centred",), "'centred' is unknown"),
-        (("scoring.every=0",), "expected a whole number, 1 or more"),
-        (("data=recording",), "data.files=\\[\\] names no table"),
-        (("data=recording", "data.files=[a.csv]"), "a.csv is not in"),
-        (("data=recording", "data.files=[a.csv]", "data.rate_hz=2"), "data.rate_hz=2 is for recordings over time"),
-    ],
+    mainly(
+        9,
+        [
+            (("network=wang",), "inputs of a ship's forces: write network= one of grnn, mlp, rbf"),
+            (("data=simulated",), "learns records: write data=seakeeping or data=recording"),
+            (("manoeuvre=zz20",), "there is no setting manoeuvre"),
+            (("output.name=7",), "output: '7' names no variable: expected a word of letters"),
+            (("learning=1e-9",), "learning=1e-09 and .* leave 1 to learn from: expected 2 or more"),
+            (("ship=mariner", "inputs.d.values=[5,11]"), "the hull of the Mariner goes from 2.4 to 10.6 m"),
+            (("+form.masts=3",), "form 'masts' is unknown"),
+            (("inputs.V.possible=5",), "expected the smallest and the largest value"),
+            (("data=recording", "data.files=[a.csv]"), "a.csv is not in"),
+            (("sees.T=maybe",), "sees.T=maybe: expected true or false"),
+            (("per=V2",), "per 'V2' is unknown"),
+            (("network=rbf", "network.hidden=90000"), "network.hidden=90000: expected from 1 to "),
+            (("learning=2",), "expected a share more than 0, to 1"),
+            (("form.gyradius=long",), "expected a number"),
+            (("inputs.d.unit=fathom",), "unit 'fathom' is unknown"),
+            (("inputs.d.values=[a]",), "expected numbers in brackets"),
+            (("inputs.V.possible=[null]",), "expected the smallest and the largest value"),
+            (("network.scaling=centred",), "'centred' is unknown"),
+            (("scoring.every=0",), "expected a whole number, 1 or more"),
+            (("data=recording",), "data.files=\\[\\] names no table"),
+            (("data=recording", "data.files=[a.csv]", "data.rate_hz=2"), "data.rate_hz=2 is for recordings over time"),
+        ],
+    ),
 )
 def test_what_cannot_be_used_is_refused_in_one_line(cli, words, said):
     small = [word for word in TINY if not (words[0].startswith("data=") and word.startswith("data."))]
@@ -200,7 +204,8 @@ per: none
     })  # fmt: skip
     table["roll [deg]"] = 2 * table["Hs [m]"] * table["GM [m]"]
     table.to_csv(tmp_path / "rolls.csv", index=False)
-    words = ("task=roll", "config_dir=mine", "data=recording", "data.files=[rolls.csv]", "network.hidden=2")
+    words = ("task=roll", "config_dir=mine", "data=recording", "data.files=[rolls.csv]", "network.hidden=2",
+             "trainer.max_epochs=4", "scoring.every=2")  # fmt: skip
     ended = cli(*words, "out=out")
     assert ended.code == 0, ended.err
     assert "significant roll amplitude" in ended.out and scores(tmp_path / "out")["errors"]["testing"]["rms"] > 0
