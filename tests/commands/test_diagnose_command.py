@@ -18,6 +18,7 @@ from omegaconf import DictConfig
 from rich.console import Console
 from sailed import manifest, sailed, to_starboard, write_runs
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from tiers import mainly
 
 import manoeuvre_nn as mnn
 from manoeuvre_nn.commands import guard
@@ -234,41 +235,42 @@ def test_a_case_is_found_from_inside(cases, monkeypatch):
 GOOD = "ship=mariner_corrected recordings={recordings}"
 
 
-@pytest.mark.parametrize(
-    "words, told",
-    [
-        ("", "write either cases=DIR or recordings=DIR"),
-        ("cases=. recordings=.", "write either cases=DIR or recordings=DIR"),
-        ("cases=nowhere", "cases=nowhere is not a folder"),
-        ("cases={empty}", "neither it nor a folder in it has a manifest.json"),
-        ("cases={cases} ship=mariner", "the ship of a case is in its manifest.json"),
-        ("ship=mariner recordings=nowhere", "recordings=nowhere is not a folder"),
-        ("ship=mariner recordings={empty}", "holds no csv file"),
-        (
-            "recordings={recordings}",
-            "ship= is not given, and the folder of recordings= names none: write for instance ship=esso_190k",
-        ),
-        ("ship=kvlcc2 recordings={recordings}", "no coefficients: write model=OUT/checkpoints/best.ckpt"),
-        (f"{GOOD} candidates=[wind]", "candidates: 'wind' is unknown; choose one of: bank, bow_thruster, current"),
-        (f"{GOOD} candidates=[first_order_waves]", "candidates: 'first_order_waves' is unknown"),
-        (f"{GOOD} candidates=[]", "candidates=[] names no effect"),
-        (f"{GOOD} files=[zz7.csv]", "files: zz7.csv is not in"),
-        (f"{GOOD} files=[zz*.csv] held_out=tc1", "run in held_out 'tc1' is unknown; choose one of: zz1, zz2"),
-        (f"{GOOD} held_out=zz9", "run in held_out 'zz9' is unknown; choose one of: tc1, zz1, zz2"),
-        (f"{GOOD} held_out=[zz1,tc1,zz2]", "held out are all runs"),
-        (f"{GOOD} rudder_positive_to=port", "change rudder_positive_to"),
-        (f"{GOOD} rudder_positive_to=left", "rudder_positive_to='left': write starboard or port"),
-        (f"{GOOD} warmup_s=long", "warmup_s=long: expected seconds, more than 0, to 1e+06, or null"),
-        (f"{GOOD} speed_kn=0", "speed_kn=0: expected an approach speed in knots, .05 to 200"),
-        (f"{GOOD} rpm=fast", "rpm=fast: expected revolutions a minute, more than 0, to 100000, or null"),
-        (f"{GOOD} mapping=nowhere.yaml", "nowhere.yaml does not exist"),
-        (f"{GOOD} mapping=kvlcc2_hsva", "no column 't_s'"),
-        (f"{GOOD} model=nowhere.ckpt", "model=nowhere.ckpt is no file"),
-        (f"{GOOD} model={{recordings}}/zz1.csv", "zz1.csv"),
-        ("ship.depth=5 ship=esso_190k recordings={recordings}", "ship.depth=5 m; the Esso 190 000 dwt tanker draws"),
-        (f"{GOOD} ship._target_=os.system", "os.system is refused"),
-    ],
-)
+WRONG = [
+    ("", "write either cases=DIR or recordings=DIR"),
+    ("cases=. recordings=.", "write either cases=DIR or recordings=DIR"),
+    ("cases=nowhere", "cases=nowhere is not a folder"),
+    ("cases={empty}", "neither it nor a folder in it has a manifest.json"),
+    ("cases={cases} ship=mariner", "the ship of a case is in its manifest.json"),
+    ("ship=mariner recordings=nowhere", "recordings=nowhere is not a folder"),
+    ("ship=mariner recordings={empty}", "holds no csv file"),
+    (
+        "recordings={recordings}",
+        "ship= is not given, and the folder of recordings= names none: write for instance ship=esso_190k",
+    ),
+    ("ship=kvlcc2 recordings={recordings}", "no coefficients: write model=OUT/checkpoints/best.ckpt"),
+    (f"{GOOD} candidates=[wind]", "candidates: 'wind' is unknown; choose one of: bank, bow_thruster, current"),
+    (f"{GOOD} candidates=[first_order_waves]", "candidates: 'first_order_waves' is unknown"),
+    (f"{GOOD} candidates=[]", "candidates=[] names no effect"),
+    (f"{GOOD} files=[zz7.csv]", "files: zz7.csv is not in"),
+    (f"{GOOD} files=[zz*.csv] held_out=tc1", "run in held_out 'tc1' is unknown; choose one of: zz1, zz2"),
+    (f"{GOOD} held_out=zz9", "run in held_out 'zz9' is unknown; choose one of: tc1, zz1, zz2"),
+    (f"{GOOD} held_out=[zz1,tc1,zz2]", "held out are all runs"),
+    (f"{GOOD} rudder_positive_to=port", "change rudder_positive_to"),
+    (f"{GOOD} rudder_positive_to=left", "rudder_positive_to='left': write starboard or port"),
+    (f"{GOOD} warmup_s=long", "warmup_s=long: expected seconds, more than 0, to 1e+06, or null"),
+    (f"{GOOD} speed_kn=0", "speed_kn=0: expected an approach speed in knots, .05 to 200"),
+    (f"{GOOD} rpm=fast", "rpm=fast: expected revolutions a minute, more than 0, to 100000, or null"),
+    (f"{GOOD} mapping=nowhere.yaml", "nowhere.yaml does not exist"),
+    (f"{GOOD} mapping=kvlcc2_hsva", "no column 't_s'"),
+    (f"{GOOD} model=nowhere.ckpt", "model=nowhere.ckpt is no file"),
+    (f"{GOOD} model={{recordings}}/zz1.csv", "zz1.csv"),
+    ("ship.depth=5 ship=esso_190k recordings={recordings}", "ship.depth=5 m; the Esso 190 000 dwt tanker draws"),
+    (f"{GOOD} ship._target_=os.system", "os.system is refused"),
+]
+"""Neighbours are alike: every second one is enough by default."""
+
+
+@pytest.mark.parametrize("words, told", mainly(14, WRONG[::2] + WRONG[1::2]))
 def test_wrong_commands_end_in_one_line(tmp_path, recordings, cases, capsys, words, told):
     (tmp_path / "empty").mkdir()
     given = words.format(recordings=recordings, cases=cases, empty=tmp_path / "empty").split()
