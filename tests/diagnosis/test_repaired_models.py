@@ -109,7 +109,7 @@ def test_runs_that_are_predicted_together_are_predicted_as_if_alone():
         pd.testing.assert_frame_equal(found, alone, atol=1e-5)
 
 
-@pytest.mark.parametrize("warmup", [40.0, 45.0])
+@pytest.mark.parametrize("warmup", mainly(1, [45.0, 40.0]))
 def test_a_prediction_begins_at_the_end_of_the_warm_up(warmup):
     """A force with a time of its own acts at that time, wherever the prediction begins."""
     thruster = BowThruster(SHIP, force_kN=150.0, start_s=60.0, end_s=115.0)

@@ -10,7 +10,7 @@ import pytest
 import torch
 from fleet import SHIPS, TRIALS, coarse, rolled, ship_named, solved, without_offsets
 from pytest import approx
-from tiers import only
+from tiers import mainly, only
 
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics import rollout as rollout_module
@@ -22,6 +22,10 @@ from manoeuvre_nn.ship.esso_190k import PARTICULARS as ESSO
 from manoeuvre_nn.ship.esso_190k import SELF_PROPULSION, esso_190k
 from manoeuvre_nn.ship.tanker import TankerShip
 
+MIRRORED = only(
+    {("great_lakes_bulker", False), ("mariner", True), ("esso_190k", True)},
+    [("great_lakes_bulker", False), *((name, True) for name in SHIPS)],
+)
 EVERY_SHIP = pytest.mark.parametrize("name", SHIPS)
 SOLVED = pytest.mark.parametrize(
     "name, trial",
@@ -62,7 +66,7 @@ def test_starboard_rudder_turns_to_starboard(name):
     assert turn["y"][-1] > turn["y"][0] > 0
 
 
-@pytest.mark.parametrize("name, bare", [(n, True) for n in SHIPS] + [("great_lakes_bulker", False)])
+@pytest.mark.parametrize("name, bare", MIRRORED)
 def test_the_mirrored_zigzag_gives_the_mirrored_track(name, bare):
     """The bulk carrier as it is; the others once the terms that push to one side are zero."""
     ship = without_offsets(ship_named(name)) if bare else ship_named(name)
@@ -78,7 +82,9 @@ def test_with_the_offsets_the_mirrored_zigzag_is_not_mirrored(name):
     assert np.abs(starboard["psi"] + port["psi"]).max() > 0.5 * DEGREE
 
 
-@pytest.mark.parametrize("name", ["mariner", "mariner_corrected", "mariner_chislett1965", "great_lakes_bulker"])
+@pytest.mark.parametrize(
+    "name", mainly(2, ["mariner", "great_lakes_bulker", "mariner_corrected", "mariner_chislett1965"])
+)
 def test_at_twice_the_speed_the_track_is_the_same_in_half_the_time(name):
     """The rudder's rate is not part of the prime system and is doubled by hand."""
     slow = ship_named(name)

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from logs import MIDNIGHT, placed
+from tiers import only
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE
@@ -43,7 +44,7 @@ HEADINGS = {
 }
 
 
-@pytest.mark.parametrize("how", HEADINGS)
+@pytest.mark.parametrize("how", only({"without brackets", "a title and an empty line"}, HEADINGS))
 def test_a_workbook_is_proposed_and_read_as_it_was_sailed(zz20, ship, workbook, how):
     path = workbook(HEADINGS[how], notes=[["calm"], ["sea", "state", 2]])
     made = propose(path, ship)

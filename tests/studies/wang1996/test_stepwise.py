@@ -203,7 +203,7 @@ def test_from_exact_g_exactly_the_mariners_terms_are_kept(name, method):
     assert set(result.equations["Y"].estimates) == set(result.equations["N"].estimates) == lateral
 
 
-@pytest.mark.parametrize("name", ["mariner", "mariner_corrected", "great_lakes_bulker"])
+@pytest.mark.parametrize("name", mainly(2, ["mariner", "great_lakes_bulker", "mariner_corrected"]))
 @pytest.mark.parametrize("whole", [False, True])
 def test_brought_to_the_ships_inertia_the_coefficients_are_its_own(name, whole):
     estimates = found(name, whole=whole).estimates(ship_named(name).inertia)
