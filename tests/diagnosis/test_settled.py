@@ -40,6 +40,7 @@ def test_hypotheses_close_behind_the_best_are_linearised_about_their_own_states(
 
 
 PAIR, PART, OTHER = ("current", "log_scale"), ("log_scale",), ("rudder_offset",)
+RIVAL = ("rudder_offset", "heading_bias")
 
 
 @pytest.mark.parametrize("rest, of_pair, raced, other", [
@@ -70,8 +71,10 @@ def test_what_the_last_of_two_effects_adds_is_told_about_the_states_of_each(monk
     }
 
 
-@pytest.mark.parametrize("gain, raced", [(0.9, []), (1.1, [PART, PAIR])])
-def test_what_nearly_adds_enough_to_the_best_is_linearised_about_its_own_states_too(monkeypatch, gain, raced):
+@pytest.mark.parametrize("gain, raced", [(0.9, [PAIR, PART]), (1.1, [PAIR, RIVAL, PART, OTHER])])
+def test_a_rival_whose_last_effect_adds_a_little_too_little_is_linearised_about_its_own_states_too(
+    monkeypatch, gain, raced
+):
     seen = []
 
     def rested(data_set, j, parts):
@@ -79,7 +82,8 @@ def test_what_nearly_adds_enough_to_the_best_is_linearised_about_its_own_states_
         return j, list(parts)
 
     monkeypatch.setattr(under_test, "_rested", rested)
-    settled(found(fitted(20.0 + gain, *PAIR), fitted(20.0, *PART), none=-9.0))
+    made = fitted(23.0, *PAIR), fitted(9.0, *PART), fitted(18.5, *RIVAL), fitted(18.5 - gain, *OTHER)
+    settled(found(*sorted(made, key=lambda j: -j.evidence), none=-9.0))
     assert seen == raced
 
 

@@ -38,7 +38,7 @@ MAX_DEFICIT_IN_RACE, MAX_IN_RACE, MAX_SETTLED = 5.0, 3, 9
 """Log evidence by which a hypothesis may lie behind the best to be linearised about its own states; how many are at
 once, and in all."""
 MIN_GAIN_TO_ASK = MIN_GAIN_OF_SECOND - MAX_DEFICIT_IN_RACE
-"""Log evidence that the last of several effects must add for runs that were not used to be asked for the rest."""
+"""Log evidence that the last of several effects must add for them to be put to the proof beside what leads."""
 MAX_UNPROVED, MIN_UNKNOWN = 0.49, 0.6
 """Probability of what was found but not proved, at most; of something unknown that is claimed, at least."""
 
@@ -143,10 +143,10 @@ class Decision:
 def settled(result: SearchResult, workers: int = 1) -> SearchResult:
     """The search with the hypotheses that are still in the race linearised about their own states until these rest.
 
-    They are those within :data:`MAX_DEFICIT_IN_RACE` of the best, of which the last effect may add too little, and of
-    several effects the best with one of them less: what the last one adds about common states it need not add about its
-    own, nor beside the same without it about these. One effect alone is in no race. All were linearised about the same
-    states before; what is not in the race loses what the best loses.
+    They are those within :data:`MAX_DEFICIT_IN_RACE` of the best, its rivals among them though their last effect adds
+    a little less than it must, and of several effects the best with one of them less: what the last one adds about
+    common states it need not add about its own, nor beside the same without it about these. One effect alone is in no
+    race. All were linearised about the same states before; what is not in the race loses what the best loses.
 
     Args:
         result: Of the search.
@@ -193,10 +193,9 @@ def _race(result: SearchResult) -> list[FittedHypothesis]:
     named = [j for j in steady if j.names in worthy]
     if not named or named[0].evidence < result.none.evidence + MIN_GAIN_TO_TRY:
         return []
-    near = [j for j in steady if j.evidence > named[0].evidence - MAX_DEFICIT_IN_RACE]
-    race = [j for j in near if j.names in worthy][:MAX_IN_RACE]
+    race = [j for j in named if j.evidence > named[0].evidence - MAX_DEFICIT_IN_RACE][:MAX_IN_RACE]
     asked = {j.names for j in _worthy(result, MIN_GAIN_TO_ASK)} - worthy
-    race += [j for j in near if j.names in asked][: MAX_IN_RACE - 1]
+    race += [j for j in steady if j.names in asked and are_rivals(named[0], j)][: MAX_IN_RACE - 1]
     for several in race[:]:
         fewer = [j for j in steady if has_one_less(j, several)]
         race += [j for j in fewer[:1] if all(j.names != other.names for other in race)]
@@ -304,7 +303,7 @@ def base_rate(size: int, effects: int) -> float:
 def _claims(
     result: SearchResult, best: FittedHypothesis | None, formula: FittedHypothesis | None, strange: bool
 ) -> list[FittedHypothesis]:
-    """What has one effect more than the best with a name, it, it without gusts, rivals, parts of these, a formula."""
+    """The best with a name, it without gusts, its rivals, parts of all these, a formula."""
     claims = [] if best is None else [best]
     for size in range(len(best.names) - 1 if best else 0, 0, -1):
         fewer = [j for j in result.fitted if len(j.names) == size and set(j.names) < set(claims[0].names)]
@@ -312,11 +311,9 @@ def _claims(
     steady = [j for j in result.fitted if best and is_without_gusts(j, best)][:1]
     asked = _worthy(result, MIN_GAIN_TO_ASK) if best else []
     rivals = [j for j in asked if best and are_rivals(best, j) and not is_without_gusts(j, best)][: MAX_IN_RACE - 1]
-    more = [j for j in asked if best and set(j.names) > set(best.names) and has_one_less(best, j)][: MAX_IN_RACE - 1]
     claims[1:1] = [*steady, *rivals]
-    claims[:0] = more
-    # What the last effect of each adds is told beside the best of its parts, too.
-    for several in (*more, *rivals):
+    # What the last effect of a rival adds is told beside the best of its parts, too.
+    for several in rivals:
         parts = [j for j in result.fitted if has_one_less(j, several)]
         claims += [j for j in parts[:1] if all(j is not other for other in claims)]
     if formula is not None and (strange or formula.evidence > result.none.evidence + MIN_GAIN_OF_UNKNOWN):
