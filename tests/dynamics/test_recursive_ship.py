@@ -172,7 +172,7 @@ def test_gradients_of_the_unrolled_loop_are_those_of_its_differences():
 
         def forward(self):
             start = steps.start(*at, 2)
-            return self.model.unroll(start, look.at, course.speed[at[0]], 4)
+            return self.model.unroll(start, look.at, course.speed[at[0]], 6)
 
     weights = [w.detach().clone().requires_grad_() for w in model.network.parameters()]
     assert torch.autograd.gradcheck(outcome, weights, atol=1e-6)

@@ -25,7 +25,7 @@ from manoeuvre_nn.ship.container import container
 from manoeuvre_nn.ship.naval_vessel import naval_vessel
 
 SHIPS = {"container": lambda: container(screws=2), "stiff": lambda: container(gm=1.0), "naval": naval_vessel}
-TRIALS = {"zz20": zigzag(20.0), "circle": tactical_circle(20.0, "port", turn_deg=200.0)}
+TRIALS = {"zz20": zigzag(20.0, duration=200.0), "circle": tactical_circle(20.0, "port", turn_deg=200.0)}
 NOISE = {"phi": 0.1 * DEGREE, "p": 0.05 * DEGREE, "r": 0.02 * DEGREE, "u": 0.04, "v": 0.04, "delta": 0.1 * DEGREE}
 
 
