@@ -68,7 +68,7 @@ COMMANDS = [
 """Neighbours are alike: every second one is enough by default."""
 
 
-@pytest.mark.parametrize("words, told", mainly(11, COMMANDS[::2] + COMMANDS[1::2]))
+@pytest.mark.parametrize("words, told", mainly(13, COMMANDS[::2] + COMMANDS[1::2]))
 def test_wrong_commands_are_refused(cli, tmp_path, words, told):
     out = tmp_path / "run"
     (tmp_path / "loop").symlink_to("loop")
