@@ -71,6 +71,22 @@ def test_what_the_last_of_two_effects_adds_is_told_about_the_states_of_each(monk
     }
 
 
+def test_a_pair_that_has_rested_does_so_again_for_a_part_that_comes_later(monkeypatch):
+    """The better part falls about its own states and the pair's: the other one is next."""
+    seen, of_part = [], {PART: 5.0, ("current",): 12.0}
+
+    def rested(data_set, j, parts):
+        seen.append((j.names, [part.names for part in parts]))
+        return replace(j, evidence=25.0 if j.names == PAIR else 5.0), [
+            replace(p, evidence=of_part[p.names]) for p in parts
+        ]
+
+    monkeypatch.setattr(under_test, "_rested", rested)
+    after = settled(found(fitted(25.0, *PAIR), fitted(10.0, *PART), fitted(9.0, "current"), none=-9.0)).fitted
+    assert seen == [(PAIR, [PART]), (PART, []), (PAIR, [("current",)]), (("current",), [])]
+    assert {j.names: j.evidence for j in after} == {PAIR: 25.0, PART: 5.0, ("current",): 12.0}
+
+
 @pytest.mark.parametrize("gain, raced", [(0.9, [PAIR, PART]), (1.1, [PAIR, RIVAL, PART, OTHER])])
 def test_a_rival_whose_last_effect_adds_a_little_too_little_is_linearised_about_its_own_states_too(
     monkeypatch, gain, raced

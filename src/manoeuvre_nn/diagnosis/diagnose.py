@@ -262,7 +262,7 @@ def _acts(hypothesis: Hypothesis) -> bool:
 def _last_effect_helps(
     question: Question, claim: FittedHypothesis, held_out: float, claims: Sequence[FittedHypothesis]
 ) -> bool:
-    """Whether effects say more in fitted and held-out runs together than the best with one less, or without gusts."""
+    """Whether effects say more in fitted and held-out runs together than the best claim with one less, or no gusts."""
     by_evidence = sorted(claims, key=lambda j: j.evidence)
     fewer = {len(j.names): j for j in by_evidence if is_simpler(j, claim)}  # the best of each size
     others = [j.evidence + in_held_out_runs(question, j).evidence for j in fewer.values()]
