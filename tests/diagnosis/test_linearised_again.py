@@ -12,7 +12,7 @@ from pytest import approx
 from searches import fitted as fitted_by_hand
 from test_hypotheses_judged import LEVEL, NONE, fitted, hypothesis, stand
 from tiers import mainly
-from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, values
+from trials import CALM, CIRCLE, NOISE, PORT, SHIP, TIMED, ZIGZAG, about, run_of, runs, sailed, states_of, values
 
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis import decision, fits
@@ -23,19 +23,25 @@ from manoeuvre_nn.diagnosis.search import search
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
-from manoeuvre_nn.effect.propulsion import PropellerPitchError
+from manoeuvre_nn.effect.depth import ShallowWater
+from manoeuvre_nn.effect.loading import DisplacementChange
+from manoeuvre_nn.effect.local import SideForce
+from manoeuvre_nn.effect.propulsion import HullFouling, PropellerPitchError
 from manoeuvre_nn.effect.rudder import RudderAreaLoss, RudderDelay, RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, RateBias
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation import noise_average, relinearise
 from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet, whitened_data_set
+from manoeuvre_nn.estimation.effect_columns import contribution, hulls_beside, with_feedback
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linearised_run import shown
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.model_corrections import USUAL_SCATTER
-from manoeuvre_nn.estimation.prepared_run import base_columns
+from manoeuvre_nn.estimation.prepared_run import about_states, base_columns
 from manoeuvre_nn.estimation.relinearise import MAX_CORRECTION, STATES_AT_REST, beside, change_of_states, refined
+from manoeuvre_nn.manoeuvre.zigzag import zigzag
+from manoeuvre_nn.ship.esso_190k import esso_190k
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 NOTHING = fitted_by_hand(0.0)
@@ -251,3 +257,64 @@ def test_corrections_are_those_of_the_ship_in_whatever_combinations_they_were_fo
     other = WhitenedDataSet(CALM, whole, CoefficientPrior(0.9, 3.0))
     assert other.combinations != stood.combinations
     assert change_of_states(refined(stood, found), refined(other, found), LEVEL) < 3.0  # standard errors
+
+
+PUSHED = SideForce(SHIP, force_kN=5.0, lever_m=40.0, start_s=0.0, end_s=500.0)
+
+
+@pytest.mark.parametrize(
+    "effect, calm_is_off",  # the component of u, v, r, x, y, psi that calm water's transitions carry on worst
+    [
+        (ShallowWater(SHIP, depth_m=14.0), 0.4),
+        (DisplacementChange(SHIP, factor=1.6), 0.6),
+        (SteadyWind(SHIP, speed=25.0, from_deg=60.0), 0.9),
+        (HullFouling(SHIP, added_resistance=1.0), 0.07),
+        (RudderOffset(SHIP, offset_deg=8.0), 0.15),
+    ],
+    ids=lambda value: getattr(value, "name", ""),
+)
+def test_a_small_push_is_carried_on_as_it_is_with_the_effect_aboard(effect, calm_is_off):
+    """A second route: the difference of two simulations with the effect, one of them with the push, over 80 s."""
+    both = [effect, PUSHED]
+    (alone,), (other,) = sailed([TIMED], [effect]), sailed([TIMED], both)
+    happened = states_of(other) - states_of(alone)
+    calm = about(run_of(alone), states_of(alone))
+    line = with_feedback(calm, [effect], [effect.values.numpy()])
+
+    def worst(line) -> float:
+        hulls = hulls_beside(both, [e.values.numpy() for e in both], 1)
+        moved, off = contribution(PUSHED, values(PUSHED), line, hulls=hulls).moved[..., 0], np.zeros((len(alone), 9))
+        for k, push in enumerate(moved):
+            off[k + 1] = line.transition[k] @ off[k] + np.append(push, np.zeros(3))
+        return float((np.abs(off[:, :6] - happened).max(axis=0) / np.abs(happened).max(axis=0)).max())
+
+    assert worst(line) < 0.04 and worst(calm) > calm_is_off
+    assert np.array_equal(line.defect, calm.defect)
+
+
+def test_what_sensors_show_wrongly_changes_no_transition():
+    line = about(run_of(sailed([TIMED])[0]), states_of(sailed([TIMED])[0]))
+    assert with_feedback(line, [HeadingBias(SHIP, bias_deg=3.0)], [np.array([3.0])]) is line
+    assert with_feedback(line, [], []) is line
+
+
+def test_the_evidence_of_an_effect_is_that_of_a_ship_which_has_it_in_her_equations():
+    """The tanker's own terms in zeta, as an effect on her in deep water and as the ship in shallow water."""
+    depth, step = 1.3 * ship_named("esso_190k").particulars.draught, 2.0
+    deep, shallow = CalmWater(esso_190k()), CalmWater(esso_190k(depth=depth))
+    (record,) = roll_out(Vessel(shallow, []), [zigzag(20.0, duration=400.0)], step=step, interval=step)
+    there = whitened_data_set(shallow, [run_of(record, NOISE / step**0.5)])
+    level = there.levels.point(1, 1)
+    expected = MarginalLikelihood(there).evaluate(Hypothesis((), ()), around=level).by_level[level]
+    bottom = ShallowWater(deep.hull, depth_m=depth)
+    known = Hypothesis((bottom,), (values(bottom),), fixed=frozenset(p.name for p in bottom.declared))
+
+    def evidence(*effects) -> np.ndarray:
+        acting = effects, [e.values.numpy() for e in effects]
+        about_it = [about_states(deep, p, p.linearised.track, acting=acting) for p in there.runs]
+        data_set = WhitenedDataSet(deep, about_it, there.coefficient_prior)
+        return MarginalLikelihood(data_set).evaluate(known, around=level).by_level[level]
+
+    # By scatter 1.5 to 5 %: errors of the terms in zeta are no corrections of the ship in deep water.
+    assert np.abs(evidence(bottom) - expected)[1:4].max() < 3.0
+    assert (evidence() < expected - 8.0)[1:4].all()

@@ -17,6 +17,7 @@ from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.estimation.corrections import Corrections
 from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, shown
+from manoeuvre_nn.recording.holes import in_breaks
 
 
 def contribution(
@@ -38,31 +39,92 @@ def contribution(
     Returns:
         One column a set.
     """
-    s, rate = linearised.situation, linearised.rate
+    s, rows, n = linearised.situation, len(values), len(linearised.run)
     with torch.no_grad():
-        acting = effect.at(s.nu.new_tensor(values)[:, None, :]).aboard(rate.dynamics.corrected(effect.ship))
-        rows, n, sides, moving = len(values), len(linearised.run), linearised.sides, linearised.moving
-        here, changed = s, s.nu.new_zeros(rows, n, moving.shape[-1])
+        acting = effect.at(s.nu.new_tensor(values)[:, None, :]).aboard(linearised.rate.dynamics.corrected(effect.ship))
         if blade is None:
             (blade,) = blades(effect, [values], [linearised])
-        if blade is not None:
-            here = s.with_(delta=blade)
-            without = linearised.as_recorded if _undoes_a_record(effect) else linearised.calm
-            changed = changed + rate(moving.expand(rows, n, -1), blade, s.shaft, sides) - without
         memory = own_states(acting, s, rows, linearised.run.step)
-        shaft = acting.shaft(here, memory)
-        if effect.overrides("shaft") and bool((s.shaft == 1).all()):
-            changed = (
-                changed + rate(moving.expand(rows, n, -1), s.delta, shaft.expand(rows, n), sides) - linearised.calm
-            )
-        heeling = acting.heeling(here) if linearised.states.own else s.u
-        changed = changed + with_roll(acting.ship, acting.acceleration(here, memory), heeling)
-        for hull in hulls:
-            changed = torch.cat([hull.with_changed_inertia(s, changed[..., :3]), changed[..., 3:]], dim=-1)
-        stream = acting.stream(here).expand(rows, n, 2)
-        moved = moved_by(changed, stream, linearised)
-        seen = s.with_(shaft=shaft.expand(rows, n))
+        changed = _added_rates(acting, memory, linearised, blade, hulls)
+        here = s if blade is None else s.with_(delta=blade)
+        moved = moved_by(changed, acting.stream(here).expand(rows, n, 2), linearised)
+        seen = s.with_(shaft=acting.shaft(here, memory).expand(rows, n))
         return Columns(_recorded(acting, linearised, seen, rows), moved.permute(1, 2, 0).numpy())
+
+
+def _added_rates(
+    acting: Effect,
+    memory: Float[Tensor, "k n m"],
+    linearised: LinearisedRun,
+    blade: Float[Tensor, "k n"] | None,
+    hulls: Sequence[Effect],
+) -> Float[Tensor, "k n r"]:
+    """What an effect adds to the rates of u, v, r and the own states along a track, for several sets of values."""
+    s, rate, moving, sides = linearised.situation, linearised.rate, linearised.moving, linearised.sides
+    here, everywhere = s, moving.expand(len(memory), *moving.shape)
+    changed = torch.zeros_like(everywhere)
+    if blade is not None:
+        here = s.with_(delta=blade)
+        without = linearised.as_recorded if _undoes_a_record(acting) else linearised.calm
+        changed = changed + rate(everywhere, blade, s.shaft, sides) - without
+    if acting.overrides("shaft") and bool((s.shaft == 1).all()):
+        shaft = acting.shaft(here, memory).expand(everywhere.shape[:2])
+        changed = changed + rate(everywhere, s.delta, shaft, sides) - linearised.calm
+    heeling = acting.heeling(here) if linearised.states.own else s.u
+    changed = changed + with_roll(acting.ship, acting.acceleration(here, memory), heeling)
+    for hull in hulls:
+        changed = torch.cat([hull.with_changed_inertia(s, changed[..., :3]), changed[..., 3:]], dim=-1)
+    return changed
+
+
+def with_feedback(
+    linearised: LinearisedRun, effects: Sequence[Effect], values: Sequence[Float[np.ndarray, " p"]]
+) -> LinearisedRun:
+    """A run whose transitions are those of the ship with the effects aboard: their forces, too, go with the states.
+
+    With J the derivative of the rates that the effects add by the state, along the track, and A the transition in calm
+    water (``carried`` is ``(I + A)/2``), the whole is ``P = A + h (I + A)/2 (J_k + J_{k+1} P)/2``, the trapezoidal rule
+    of :func:`moved_by`. Blades and effects' own states stay as they are along the track.
+
+    Args:
+        linearised: The run about its track, in calm water.
+        effects: Effects that act in it.
+        values: Their values.
+
+    Returns:
+        The run; nothing else of it is changed.
+    """
+    states, track = linearised.states, linearised.track
+    lines = [k for k, name in enumerate(states.moving) if name not in {"x", "y"}]
+    moves = [0, 1, 2, *range(6, states.count)]
+    by_state = np.zeros((len(track), states.count, states.size))
+    # Central differences, by steps of a state's usual size.
+    shifted = [
+        [replace(linearised, track=track + sign * states.unit[j] * np.eye(states.count)[j]) for sign in (1, -1)]
+        for j in lines
+    ]
+    with torch.no_grad():
+        for number, (effect, value) in enumerate(zip(effects, values, strict=True)):
+            if not effect.overrides("force", "acceleration", "blade", "indicated", "shaft", "heeling"):
+                continue
+            table = np.array([value])
+            acting = effect.at(torch.tensor(table)[:, None, :]).aboard(linearised.rate.dynamics.corrected(effect.ship))
+            (blade,) = blades(effect, [table], [linearised])
+            memory = own_states(acting, linearised.situation, 1, linearised.run.step)
+            hulls = hulls_beside(effects, values, number)
+            for j, both in zip(lines, shifted, strict=True):
+                up, down = (_added_rates(acting, memory, line, blade, hulls)[0].numpy() for line in both)
+                by_state[:, moves, j] += (up - down) / (2 * states.unit[j])
+    if not by_state.any():
+        return linearised
+    run, calm, k = linearised.run, linearised.transition, states.count
+    carried = 0.5 * run.step * linearised.carried.numpy()
+    carried[in_breaks(run.time, run.meta.get("breaks", ()))] = 0.0
+    whole = calm
+    for _ in range(2):  # the second time what is there at the end of a step is known to second order in it
+        moved = carried @ (by_state[:-1] + by_state[1:] @ whole)
+        whole = np.concatenate([calm[:, :k] + moved, calm[:, k:]], axis=1)
+    return replace(linearised, transition=whole)
 
 
 def hulls_beside(effects: Sequence[Effect], values: Sequence[Float[np.ndarray, " p"]], number: int) -> list[Effect]:

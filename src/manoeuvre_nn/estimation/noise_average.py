@@ -17,7 +17,6 @@ from scipy.special import softmax
 
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
-from manoeuvre_nn.estimation.linearised_run import linearise
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.prepared_run import base_columns
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, ProcessLevels
@@ -71,7 +70,9 @@ def finer(data_set: WhitenedDataSet, time: float) -> WhitenedDataSet:
     runs = []
     for prepared in data_set.runs:
         x = prepared.linearised
-        x = replace(linearise(x.run, x.rate, x.track, time, x.indicated), receiver=x.receiver)
+        transition, count = x.transition.copy(), x.states.count
+        transition[:, count:, count:] = np.exp(-x.run.step / time) * np.eye(len(x.states.driven))
+        x = replace(x, transition=transition)
         runs.append(replace(prepared, linearised=x, base=base_columns(data_set.dynamics, x)))
     levels = ProcessLevels(tuple(sorted((*PROCESS_LEVELS.sizes, *BETWEEN))))
     return WhitenedDataSet(data_set.dynamics, runs, data_set.coefficient_prior, levels, time)

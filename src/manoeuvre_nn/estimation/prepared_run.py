@@ -1,5 +1,6 @@
 """A run made ready: averaged, smoothed, linearised about its track, with what hypotheses about it have in common."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -8,12 +9,13 @@ import torch
 from jaxtyping import Float
 from scipy.interpolate import make_interp_spline
 
+from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
 from manoeuvre_nn.effect.common import typical
 from manoeuvre_nn.estimation.corrections import Calibrated
-from manoeuvre_nn.estimation.effect_columns import coefficient_columns, latency_column
+from manoeuvre_nn.estimation.effect_columns import coefficient_columns, latency_column, with_feedback
 from manoeuvre_nn.estimation.linear_run import Columns, joined
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, linearise, shown
 from manoeuvre_nn.estimation.measurement_noise import OUTLIER_SDS
@@ -128,6 +130,7 @@ def about_states(
     corrections: Float[np.ndarray, " k"] | None = None,
     indicated: Float[np.ndarray, " n"] | None = None,
     receiver: Float[np.ndarray, "#n 4"] | None = None,
+    acting: tuple[Sequence[Effect], Sequence[Float[np.ndarray, " p"]]] = ((), ()),
 ) -> PreparedRun:
     """The same run about another track.
 
@@ -139,6 +142,7 @@ def about_states(
             the corrected ship: a rudder offset on the rudder as strong as it is; None are none.
         indicated: What the rudder indicator showed, where corrections of rudder forces act [rad]; None is the record.
         receiver: What errors of sensors add to what the satellite receiver shows; None is nothing.
+        acting: Effects whose forces go with the states, and their values.
 
     Returns:
         The run about it.
@@ -146,6 +150,7 @@ def about_states(
     about = dynamics if corrections is None else Calibrated(dynamics, dynamics.hull.inertia.new_tensor(corrections))
     linearised = linearise(prepared.linearised.run, Rate(about), track, process_time(dynamics), indicated)
     linearised = linearised if receiver is None else replace(linearised, receiver=receiver)
+    linearised = with_feedback(linearised, *acting)
     return replace(prepared, linearised=linearised, base=base_columns(dynamics, linearised))
 
 

@@ -69,7 +69,8 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis, corrected: bool
         step, track = white.states(white.embed(left))[..., 0], prepared.linearised.track
         states = track + step_share(track, step) * step[:, : track.shape[1]]
         receiver = lin.columns[run].measured[:, :4, 0]
-        moved = about_states(data_set.dynamics, prepared, states, shares, rudders[run], receiver)
+        acting = fitted.hypothesis.effects, [v[run] for v in fitted.hypothesis.values]
+        moved = about_states(data_set.dynamics, prepared, states, shares, rudders[run], receiver, acting)
         if not _sails(moved.linearised, data_set.dynamics.particulars.speed):
             moved = replace(prepared, base=base_columns(data_set.dynamics, prepared.linearised))
         runs.append(moved)
