@@ -23,7 +23,9 @@ MASS = 16_274e3 / (0.5 * 1025 * LENGTH**2 * DRAUGHT)
 GYRATION = MASS * 0.25**2
 
 
-def mariner(delta: float = D, u: float = U, v: float = V, r: float = R, **changes: float) -> np.ndarray:
+def mariner(
+    delta: float = D, u: float = U, v: float = V, r: float = R, share: float = 1.0, **changes: float
+) -> np.ndarray:
     """Accelerations of the Mariner by Wang's Table 3.2 (rudder to port), parts of it times a factor.
 
     Args:
@@ -31,17 +33,19 @@ def mariner(delta: float = D, u: float = U, v: float = V, r: float = R, **change
         u: Forward speed [m/s].
         v: Sway velocity [m/s].
         r: Yaw rate [rad/s].
+        share: What the nonlinear terms of the hull have of the change of the linear ones.
         changes: Factors on the hydrodynamic parts ``Xvr Yv Yr Nv Nr``, on added masses ``ax ay az`` and on ``mass``;
             ``X``, an addition in surge.
     """
     f = {**dict.fromkeys(("Xvr", "Yv", "Yr", "Nv", "Nr", "ax", "ay", "az", "mass"), 1.0), "X": 0.0, **changes}
+    sway3, yaw3 = (1 + share * (f[name] - 1) for name in ("Yv", "Nv"))
     a, b, q, d = u / SPEED - 1, v / SPEED, r * LENGTH / SPEED, -delta
     m = MASS
     surge = -0.0253 * a + 0.01896 * a * a / 2 - 0.01302 * a**3 / 6 - 0.378 * b * b / 2 + 0.01272 * q * q / 2
     surge += -0.04 * d * d / 2 + 0.0196 * b * d + ((0.168 - m) * f["Xvr"] + m * f["mass"]) * b * q + f["X"]
-    sway = -0.0008 + (-0.244 * b - 10.212 * b**3 / 6 + 6.46 * q * b * b / 2) * f["Yv"] - 0.0016 * b * d * d / 2
+    sway = -0.0008 - 0.244 * b * f["Yv"] + (-10.212 * b**3 / 6 + 6.46 * q * b * b / 2) * sway3 - 0.0016 * b * d * d / 2
     sway += ((-0.105 + m) * f["Yr"] - m * f["mass"]) * q + 0.0586 * d - 0.0585 * d**3 / 6 + 0.5 * d * b * b / 2
-    yaw = 0.00059 + (-0.0555 * b + 2.07 * b**3 / 6 - 2.316 * q * b * b / 2) * f["Nv"] + 0.00528 * b * d * d / 2
+    yaw = 0.00059 - 0.0555 * b * f["Nv"] + (2.07 * b**3 / 6 - 2.316 * q * b * b / 2) * yaw3 + 0.00528 * b * d * d / 2
     yaw += -0.03747 * q * f["Nr"] - 0.0293 * d + 0.02892 * d**3 / 6 - 0.2064 * d * b * b / 2
     inertia = np.array([[0.177, 0, 0], [0, 0.327, 0.00077], [0, -0.00221, 0.0175]])
     for k, (own, added) in enumerate(((m, f["ax"]), (m, f["ay"]), (GYRATION, f["az"]))):
@@ -92,14 +96,14 @@ def test_factors_of_depth_are_those_of_the_two_sources_and_of_what_lies_between(
 def test_the_mariner_in_shallow_water_has_her_terms_times_these_factors(ratio, source):
     p = ship_named("mariner_corrected").particulars
     f = {k: float(v) for k, v in depth_factors(p, torch.tensor(1 / ratio, dtype=torch.float64), source).items()}
-    form = {"surge": 0.7, "sway": 1.2, "yaw": 0.9}
+    form = {"surge": 0.7, "sway": 1.2, "yaw": 0.9, "nonlinear": 0.4}
 
     def part(name: str, of: str) -> float:
         return 1 + form[of] * (f[name] - 1)
 
     drag = -0.7 * 0.16 / (ratio - 1) * 350.1e3 * (U / SPEED) ** 2 / FORCE
     expected = mariner(
-        Xvr=part("Yvdot", "surge"), Yv=part("Yv", "sway"), Yr=part("Nr", "sway"), Nv=part("Nv", "yaw"),
+        share=0.4, Xvr=part("Yvdot", "surge"), Yv=part("Yv", "sway"), Yr=part("Nr", "sway"), Nv=part("Nv", "yaw"),
         Nr=part("Nr", "yaw"), ax=part("Yvdot", "surge"), ay=part("Yvdot", "sway"), az=part("Nrdot", "yaw"), X=drag,
     )  # fmt: skip
     found = acting("shallow_water", depth_m=ratio * DRAUGHT, source=source, **form)

@@ -16,7 +16,8 @@ from manoeuvre_nn.effect.common import columns
 
 DRIFT, YAW = {"uv", "|v|v"}, {"Lur", "L|v|r", "Lvr", "vr"}
 """Products that the hull makes and whose letters do not say so: the BIS tanker's, and v r, which is even."""
-LINEAR = {"v", "uv", "r", "ur", "Lur"}
+LINEAR = {"v", "uv", "r", "ur", "Lur", "vr", "Lvr"}
+"""Terms linear in v or r, and v r of the added mass in surge."""
 MAX_SORTED = 16
 """Ships whose sorted terms an effect keeps."""
 GYRATION = 0.25
@@ -34,7 +35,7 @@ class _SortedSeries:
         drift, yaw: 1 for the hull's terms with more v than r and without rudder, and for its terms with r, else 0.
         of_drift, of_yaw: Coefficients of these, mass excluded [-].
         of_mass: What mass has in the table, ``m' v' r'`` in surge and ``-m' u' r'`` in sway [-].
-        linear: 1 for terms linear in v or r, else 0.
+        linear: 1 for :data:`LINEAR` terms, else 0.
     """
 
     def __init__(self, ship: Ship, effect: str) -> None:
@@ -92,8 +93,8 @@ class HullEffect(Effect):
     """Coefficients and inertia that are not the ship's: adds ``(M' + dM')^-1 (f' + df') - M'^-1 f'``.
 
     f' is that of the whole ship, which the situation's accelerations tell. df' multiplies the hull's terms as they are:
-    ``df' = products dT``, ``dT = w (T_drift drift + T_yaw yaw)`` with the shares of both and w 1 for linear terms and
-    :meth:`nonlinear` for others, and what else there is.
+    ``df' = products dT``, ``dT = w (T_drift drift + T_yaw yaw)`` with the shares of both and w 1 for :data:`LINEAR`
+    terms and :meth:`nonlinear` for others, and what else there is.
     """
 
     site = "hull"
@@ -118,7 +119,7 @@ class HullEffect(Effect):
     def shares(self, s: Situation) -> tuple[Float[Tensor, "*batch 3 3"], Float[Tensor, "*batch 3 3"]]:
         """What is added to the hull's drift terms and to its yaw terms, by their own X', Y', N' (rows)."""
 
-    def nonlinear(self) -> float:
+    def nonlinear(self) -> float | Float[Tensor, "*rows 1 1"]:
         """Share of this that the nonlinear terms get."""
         return 1.0
 
@@ -129,7 +130,7 @@ class HullEffect(Effect):
         series = self.series
         return self._of_terms() * (series.of_drift @ drift + series.of_yaw @ yaw)
 
-    def _of_terms(self) -> Float[Tensor, "terms 1"]:
+    def _of_terms(self) -> Float[Tensor, "*rows terms 1"]:
         """Which share of all this every term gets."""
         return self.series.linear + self.nonlinear() * (1 - self.series.linear)
 
@@ -145,7 +146,7 @@ class HullEffect(Effect):
         nu = torch.stack([zero + self.ship.particulars.speed, zero, zero], dim=-1)
         s = Situation(nu, 0 * nu, zero, zero, zero, zero, zero + 1, zero)
         drift, yaw = (m.reshape(-1, 3, 3)[0] for m in self.shares(s))
-        series, of_terms = self.series, self._of_terms()
+        series, of_terms = self.series, self._of_terms().reshape(-1, *self.series.linear.shape)[0]
         return (of_terms * series.drift)[..., None] * drift + (of_terms * series.yaw)[..., None] * yaw
 
     @abstractmethod
