@@ -145,8 +145,9 @@ def settled(result: SearchResult, workers: int = 1) -> SearchResult:
 
     They are those within :data:`MAX_DEFICIT_IN_RACE` of the best, its rivals among them though their last effect adds
     a little less than it must, and of several effects the best with one of them less: what the last one adds about
-    common states it need not add about its own, nor beside the same without it about these. One effect alone is in no
-    race. All were linearised about the same states before; what is not in the race loses what the best loses.
+    common states it need not add about its own, nor beside the same without it about these. Where these lose, the next
+    best come in their place. One effect alone is in no race. All were linearised about the same states before; what is
+    never in the race loses what the best loses.
 
     Args:
         result: Of the search.
@@ -155,7 +156,7 @@ def settled(result: SearchResult, workers: int = 1) -> SearchResult:
     Returns:
         The same with their evidence about their own states.
     """
-    known = dict[tuple[str, ...], float]()
+    known, lost = dict[tuple[str, ...], float](), 0.0
     while len(known) < MAX_SETTLED:
         race = _race(result)
         new = {j.names for j in race} - known.keys()
@@ -170,10 +171,15 @@ def settled(result: SearchResult, workers: int = 1) -> SearchResult:
             for rested in (found, *beside_it):
                 known[rested.names] = max(known.get(rested.names, -np.inf), rested.evidence)
         # What was not looked at is not credited with what the best gains.
-        lost = max(leading.evidence - known[leading.names], 0.0) if first else 0.0
-        fitted = [replace(j, evidence=known.get(j.names, j.evidence - lost)) for j in result.fitted]
-        result = replace(result, fitted=sorted(fitted, key=lambda j: -j.evidence))
-    return result
+        lost = max(leading.evidence - known[leading.names], 0.0) if first else lost
+        result = _with_evidence(result, known)
+    return _with_evidence(result, known, lost)
+
+
+def _with_evidence(result: SearchResult, known: Mapping[tuple[str, ...], float], lost: float = 0.0) -> SearchResult:
+    """The search with log evidence that is known by now; all others lose some."""
+    fitted = [replace(j, evidence=known.get(j.names, j.evidence - lost)) for j in result.fitted]
+    return replace(result, fitted=sorted(fitted, key=lambda j: -j.evidence))
 
 
 def _rested(
