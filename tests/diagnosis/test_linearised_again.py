@@ -293,7 +293,9 @@ def test_a_small_push_is_carried_on_as_it_is_with_the_effect_aboard(effect, calm
 
 
 def test_what_sensors_show_wrongly_changes_no_transition():
+    """Nor does a late record of the rudder: derivatives in calm water are taken behind it already."""
     line = about(run_of(sailed([TIMED])[0]), states_of(sailed([TIMED])[0]))
+    assert with_feedback(line, [RudderDelay(SHIP, delay_s=9.0)], [np.array([9.0])]) is line
     assert with_feedback(line, [HeadingBias(SHIP, bias_deg=3.0)], [np.array([3.0])]) is line
     assert with_feedback(line, [], []) is line
 

@@ -105,7 +105,8 @@ def with_feedback(
     ]
     with torch.no_grad():
         for number, (effect, value) in enumerate(zip(effects, values, strict=True)):
-            if not effect.overrides("force", "acceleration", "blade", "indicated", "shaft", "heeling"):
+            # Derivatives in calm water are taken at the rudder behind its record already.
+            if _undoes_a_record(effect) or not effect.overrides("force", "acceleration", "blade", "shaft", "heeling"):
                 continue
             table = np.array([value])
             acting = effect.at(torch.tensor(table)[:, None, :]).aboard(linearised.rate.dynamics.corrected(effect.ship))
