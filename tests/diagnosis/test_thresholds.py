@@ -187,10 +187,10 @@ CLAIMED = [
      [("current", "log_scale", "heading_bias"), ("log_scale", "heading_bias"), ("current", "log_scale"),
       ("current", "heading_bias"), ("heading_bias",)]),
     ({"current + log_scale": 25.9, "current": 20.0}, -9.0, None, [("current",)]),
-    # A rival whose last effect adds 5.9 is put to the proof beside its best part.
-    ({"log_scale + heading_bias": 42.4, "heading_bias": 31.0, "current + rudder_offset": 44.0, "current": 38.1}, -9.0,
+    # A rival is put to the proof beside its best part; what its last effect adds by chance is no rival.
+    ({"log_scale + heading_bias": 44.4, "heading_bias": 31.0, "current + rudder_offset": 44.0, "current": 37.8}, -9.0,
      None, [("log_scale", "heading_bias"), ("current", "rudder_offset"), ("heading_bias",), ("current",)]),
-    ({"log_scale + heading_bias": 42.4, "heading_bias": 31.0, "current + rudder_offset": 38.9, "current": 38.1}, -9.0,
+    ({"log_scale + heading_bias": 44.4, "heading_bias": 31.0, "current + rudder_offset": 44.0, "current": 38.1}, -9.0,
      None, [("log_scale", "heading_bias"), ("heading_bias",)]),
 ]  # fmt: skip
 

@@ -12,7 +12,6 @@ from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_UNKNOWN, MIN_GAIN_TO_TRY, r
 from manoeuvre_nn.diagnosis.fits import at_rest, refine
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.search import (
-    MIN_GAIN_OF_SECOND,
     MIN_GAIN_OF_SINGLE,
     MIN_GAIN_TO_RELINEARISE,
     SearchResult,
@@ -37,8 +36,6 @@ MIN_CALM_WITHOUT_ALARM = 0.6
 MAX_DEFICIT_IN_RACE, MAX_IN_RACE, MAX_SETTLED = 5.0, 3, 9
 """Log evidence by which a hypothesis may lie behind the best to be linearised about its own states; how many are at
 once, and in all."""
-MIN_GAIN_TO_ASK = MIN_GAIN_OF_SECOND - MAX_DEFICIT_IN_RACE
-"""Log evidence that the last of several effects must add for them to be put to the proof beside what leads."""
 MAX_UNPROVED, MIN_UNKNOWN = 0.49, 0.6
 """Probability of what was found but not proved, at most; of something unknown that is claimed, at least."""
 
@@ -143,11 +140,10 @@ class Decision:
 def settled(result: SearchResult, workers: int = 1) -> SearchResult:
     """The search with the hypotheses that are still in the race linearised about their own states until these rest.
 
-    They are those within :data:`MAX_DEFICIT_IN_RACE` of the best, its rivals among them though their last effect adds
-    a little less than it must, and of several effects the best with one of them less: what the last one adds about
-    common states it need not add about its own, nor beside the same without it about these. Where these lose, the next
-    best come in their place. One effect alone is in no race. All were linearised about the same states before; what is
-    never in the race loses what the best loses.
+    They are those within :data:`MAX_DEFICIT_IN_RACE` of the best, and of several effects the best with one of them
+    less: what the last one adds about common states it need not add about its own, nor beside the same without it
+    about these. Where these lose, the next best come in their place. One effect alone is in no race. All were
+    linearised about the same states before; what is never in the race loses what the best loses.
 
     Args:
         result: Of the search.
@@ -200,8 +196,6 @@ def _race(result: SearchResult) -> list[FittedHypothesis]:
     if not named or named[0].evidence < result.none.evidence + MIN_GAIN_TO_TRY:
         return []
     race = [j for j in named if j.evidence > named[0].evidence - MAX_DEFICIT_IN_RACE][:MAX_IN_RACE]
-    asked = {j.names for j in _worthy(result, MIN_GAIN_TO_ASK)} - worthy
-    race += [j for j in steady if j.names in asked and are_rivals(named[0], j)][: MAX_IN_RACE - 1]
     for several in race[:]:
         fewer = [j for j in steady if has_one_less(j, several)]
         race += [j for j in fewer[:1] if all(j.names != other.names for other in race)]
@@ -315,8 +309,8 @@ def _claims(
         fewer = [j for j in result.fitted if len(j.names) == size and set(j.names) < set(claims[0].names)]
         claims += fewer if size > 1 else fewer[:1]
     steady = [j for j in result.fitted if best and is_without_gusts(j, best)][:1]
-    asked = _worthy(result, MIN_GAIN_TO_ASK) if best else []
-    rivals = [j for j in asked if best and are_rivals(best, j) and not is_without_gusts(j, best)][: MAX_IN_RACE - 1]
+    worthy = _worthy(result) if best else []
+    rivals = [j for j in worthy if best and are_rivals(best, j) and not is_without_gusts(j, best)][: MAX_IN_RACE - 1]
     claims[1:1] = [*steady, *rivals]
     # What the last effect of a rival adds is told beside the best of its parts, too.
     for several in rivals:
@@ -355,10 +349,10 @@ def _without_gusts(fitted: FittedHypothesis) -> frozenset[str]:
     return frozenset(e.variant_of if e.random else e.name for e in fitted.hypothesis.effects)
 
 
-def _worthy(result: SearchResult, least: float = MIN_GAIN_OF_SECOND) -> list[FittedHypothesis]:
+def _worthy(result: SearchResult) -> list[FittedHypothesis]:
     """Hypotheses of which no effect is there by chance and no event is where it cannot be, best first."""
     known = {frozenset(j.names): j.evidence for j in reversed(result.fitted)}
-    return [j for j in result.fitted if worth_its_size(j, known, least) and not _event_on_bound(j.hypothesis)]
+    return [j for j in result.fitted if worth_its_size(j, known) and not _event_on_bound(j.hypothesis)]
 
 
 def _event_on_bound(hypothesis: Hypothesis) -> bool:

@@ -221,22 +221,19 @@ def _again(so_far: SearchResult, about: FittedHypothesis, workers: int) -> Searc
     return SearchResult(calm, sorted(best + rest, key=lambda j: -j.evidence), there)
 
 
-def worth_its_size(
-    fitted: FittedHypothesis, known: Mapping[frozenset[str], float], least: float = MIN_GAIN_OF_SECOND
-) -> bool:
+def worth_its_size(fitted: FittedHypothesis, known: Mapping[frozenset[str], float]) -> bool:
     """Whether the last of several effects adds more than chance does.
 
     Args:
         fitted: What was found.
         known: Log evidence of hypotheses by their effects' names.
-        least: Log evidence that it must add.
 
     Returns:
         True for one effect alone.
     """
     names = frozenset(fitted.names)
     parts = [evidence for part, evidence in known.items() if part and part < names]
-    return fitted.evidence > max(parts, default=-inf) + (least if len(names) > 1 else 0.0)
+    return fitted.evidence > max(parts, default=-inf) + (MIN_GAIN_OF_SECOND if len(names) > 1 else 0.0)
 
 
 def _extended(
