@@ -7,7 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
+from fleet import ship_named
 from pytest import approx
+from searches import fitted as by_hand
 from strangers import strange_runs
 from tiers import mainly
 from trials import CALM, NOISE, SHIP, run_of, runs, unchecked
@@ -24,10 +26,12 @@ from manoeuvre_nn.diagnosis.forecast import unplaced_events
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs
 from manoeuvre_nn.diagnosis.search import _with_other_forms, search
 from manoeuvre_nn.diagnosis.windows import replaced, times_of
+from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.common import during
 from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.depth import ShallowWater
 from manoeuvre_nn.effect.local import BowThruster, SideForce
 from manoeuvre_nn.effect.propulsion import ThrustLoss
 from manoeuvre_nn.effect.sensors import LogScale, RateBias
@@ -264,6 +268,24 @@ def test_in_runs_to_predict_an_event_is_placed_by_their_recordings_or_left_out(k
     spans = _when(asked, found, 0, True)
     ((ends, errors),) = spans[runs[0].name]
     assert spans[runs[1].name] == [] and abs(ends[0] - true[0] + half_of_ramp) < 4 * errors[0] < 60
+
+
+@pytest.mark.parametrize(
+    "ship, force_kN, best", mainly(1, [("esso_190k", 19_500.0, (1, 5)), ("great_lakes_bulker", 900.0, (2, 3))])
+)
+def test_beside_a_depth_too_an_event_is_placed_before_or_after_the_depths_formula_is_fitted(ship, force_kN, best):
+    """Without its place, the tanker's shallow water gives way to the force; with it, that of the bulk carrier stays."""
+    calm = CalmWater(ship_named(ship))
+    bottom = ShallowWater(calm.hull, depth_m=(1.2 if ship == "esso_190k" else 1.25) * calm.particulars.draught)
+    force = SideForce(calm.hull, force_kN=force_kN, lever_m=25.0, start_s=94.0, end_s=300.0, ramp_s=4.0)
+    (record,) = roll_out(
+        Vessel(calm, [bottom, force]), [turning_circle(20.0, duration=400.0)], step=STEP, interval=STEP
+    )
+    run = run_of(record, NOISE / STEP**0.5)
+    asked = Question(Case("trial", ship, (run,), calm.hull, frozenset({run.name})), calm, [])
+    both = Hypothesis((force, bottom), tuple(e.values.numpy()[None] for e in (force, bottom)))
+    there = in_held_out_runs(asked, replace(by_hand(0.0), hypothesis=both, best=best)).hypothesis
+    assert times_of(force, there.values[0][0]) == (approx((94.0, 300.0), abs=2.0),)
 
 
 def test_a_planned_run_is_predicted_without_the_event_and_that_is_said():

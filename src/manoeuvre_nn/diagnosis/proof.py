@@ -81,10 +81,16 @@ def in_held_out_runs(question: Question, fitted: FittedHypothesis) -> FittedHypo
     elsewhere = replace(elsewhere, fixed=frozenset(p.name for p in declared))
     if not question.case.held_out:
         return replace(fitted, hypothesis=elsewhere, evidence=0.0)
-    held = replace(elsewhere, fixed=frozenset(p.name for p in declared if not p.form))
-    data_set, there = at_rest(question.held_out.data_set, refine(question.held_out, held, *fitted.best))
+    held, starts = frozenset(p.name for p in declared if not p.form), [elsewhere]
+    if any(e.timed for e in found.effects) and any(p.form for p in declared):
+        # Before events have their place, uncertain parts of a formula may give way to what these do.
+        starts.append(refine(question.held_out, elsewhere, *fitted.best).hypothesis)
+    begun = [refine(question.held_out, replace(start, fixed=held), *fitted.best) for start in starts]
+    data_set, there = max(
+        (at_rest(question.held_out.data_set, b) for b in begun), key=lambda rested: rested[1].evidence
+    )
     gain, evidence = gain_by_coefficient_priors(data_set, there), there.evidence
-    if any(e.random for e in held.effects):
+    if any(e.random for e in found.effects):
         evidence = gusty_evidence(MarginalLikelihood(data_set), there.hypothesis, there.best[0])
     # Predictions are made with formulas as the fitted runs have them.
     times = [k for k, f in enumerate(there.hypothesis.unknowns()) if f.parameter.per_run]
