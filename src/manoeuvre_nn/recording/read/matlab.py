@@ -4,13 +4,14 @@ import subprocess
 import sys
 import warnings
 from collections.abc import Iterator, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from scipy.io import loadmat
-from scipy.io.matlab import mat_struct
+from scipy.io.matlab import mat_struct, matfile_version
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.memory import check_memory
@@ -65,21 +66,37 @@ def mat_frame(path: Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
 
 def _older(path: Path) -> Vectors:
     """Vectors of a file of version 4 to 7.2."""
-    # On some damaged files scipy's reader ends the process (1.17: a number of no known type): another one tries first.
-    tried = subprocess.run([sys.executable, "-c", TRY, str(path)], capture_output=True, check=False)
-    if tried.returncode not in {0, 1}:
-        raise InputError(f"{path.name}: not a MAT file, or damaged: its reader breaks down; export it again, or as CSV")
     try:
+        matfile_version(str(path))  # what has no head of such a file is refused without a process of its own
+        now = path.stat()
+        if _breaks_down(str(path), now.st_mtime_ns, now.st_size):
+            raise InputError(
+                f"{path.name}: not a MAT file, or damaged: its reader breaks down; export it again, or as CSV"
+            )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of objects that it cannot make, which are left out
             content = loadmat(path, squeeze_me=True, struct_as_record=False, chars_as_strings=True)
+    except InputError:
+        raise
     except MemoryError as error:
         raise InputError(f"{path.name}: not a MAT file that fits into memory; is it cut off?") from error
     except Exception as error:  # its reader raises many kinds on foreign, hostile and cut-off files
-        said = " ".join(str(error).split())[:80] or type(error).__name__
-        raise InputError(f"{path.name}: not a MAT file, or cut off ({said}); export it again, or as CSV") from None
+        told = " ".join(str(error).split())[:80] or type(error).__name__
+        raise InputError(f"{path.name}: not a MAT file, or cut off ({told}); export it again, or as CSV") from None
     named = (pair for name in content if not name.startswith("__") for pair in _fields(name, content[name], 0))
     return dict(vector for name, value in named for vector in _columns(name, value))
+
+
+@lru_cache(maxsize=64)
+def _breaks_down(file: str, changed: int, size: int) -> bool:
+    """Whether scipy's reader ends its process, as on some damaged files (1.17: a number of no known type).
+
+    Another process tries first: once for a file as it was when it was ``changed`` and of this ``size``.
+
+    Returns:
+        Whether it does.
+    """
+    return subprocess.run([sys.executable, "-c", TRY, file], capture_output=True, check=False).returncode not in {0, 1}
 
 
 def _fields(name: str, value: Any, depth: int) -> Iterator[tuple[str, np.ndarray]]:
