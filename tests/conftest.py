@@ -56,6 +56,7 @@ def pytest_collection() -> None:
 
 def pytest_collection_finish() -> None:
     gc.freeze()
+    gc.set_threshold(20_000, 20, 20)  # simulations make many small objects that go by themselves, and few circles
     gc.enable()
 
 

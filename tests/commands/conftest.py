@@ -10,11 +10,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import lightning  # noqa: F401  before the package, see tests/conftest.py
 import omegaconf._utils
 import omegaconf.base
 import pytest
+import yaml
 from fleet import unchecked
 from hydra import compose, initialize_config_dir
 from hydra._internal import config_loader_impl, defaults_list
@@ -35,6 +38,7 @@ from manoeuvre_nn.commands import guard
 from manoeuvre_nn.commands.groups import register_resolvers
 from manoeuvre_nn.commands.settings import check_settings
 from manoeuvre_nn.commands.train import train
+from manoeuvre_nn.core import data_files
 
 ROOT = Path(__file__).parents[2]
 CONF = ROOT / "conf"
@@ -179,6 +183,21 @@ class QuickReading(OmegaConf):
         return pickle.loads(cls.made[text])
 
 
+class QuickYaml(ModuleType):
+    """Yaml as the package reads it, which makes content of each text once: a command looks at forty effects."""
+
+    made: dict[str, bytes] = {}
+
+    @classmethod
+    def load(cls, text: str, loader: type) -> Any:
+        if text not in cls.made:
+            cls.made[text] = pickle.dumps(yaml.load(text, loader))  # noqa: S506 - the package's own loader
+        return pickle.loads(cls.made[text])
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(yaml, name)
+
+
 class QuickRepository(config_loader_impl.CachingConfigRepository):
     """Hydra's, without a deep copy of where files are: the copy only gets a list of its own."""
 
@@ -186,6 +205,7 @@ class QuickRepository(config_loader_impl.CachingConfigRepository):
         self.delegate, self.cache = copy.copy(delegate), {}
 
 
+data_files.yaml = QuickYaml("yaml")
 omegaconf._utils.get_yaml_loader = quick_loader
 omegaconf._utils.parse = omegaconf.base.parse = cache(parse)  # the same few interpolations in each of these files
 every_choice, NO_CHOICE = defaults_list._create_interpolation_map, OmegaConf.create()
