@@ -111,20 +111,31 @@ def _has_shapes(hint: object) -> bool:
     return (isinstance(hint, type) and issubclass(hint, AbstractArray)) or any(map(_has_shapes, get_args(hint)))
 
 
-def _kind(value: object) -> Hashable:
+def _kind(value: Any) -> Hashable:
     """All that an annotation could say of a value; long collections and those of other kinds are like no other."""
     kind = type(value)
-    if isinstance(value, torch.Tensor | np.ndarray):
+    sort = _sort(kind)
+    if sort == "plain":
+        return kind
+    if sort == "array":
         return kind, value.dtype, value.shape
-    if isinstance(value, Collection) and len(value) > LONG:
+    if sort != "truth" and len(value) > LONG:
         return object()
-    if isinstance(value, tuple | list):
+    if sort == "sequence":
         return kind, *map(_kind, value)
-    if isinstance(value, dict):
+    if sort == "table":
         return kind, *value, *map(_kind, value.values())
-    if isinstance(value, str | bool):
-        return kind, value  # Literal
-    return object() if isinstance(value, Collection) else kind
+    return object() if sort == "others" else (kind, value)  # Literal
+
+
+@cache
+def _sort(kind: type) -> str:
+    """What is looked at of values of a type: asked once a type, for to ask each value takes longer than all else."""
+    sorts = {
+        "array": (torch.Tensor, np.ndarray), "sequence": (tuple, list), "table": dict, "word": str, "truth": bool,
+        "others": Collection,
+    }  # fmt: skip
+    return next((sort for sort, kinds in sorts.items() if issubclass(kind, kinds)), "plain")
 
 
 # All functions of the package are decorated with it: this file is imported before any of them.
