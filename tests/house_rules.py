@@ -47,9 +47,21 @@ def offences() -> Offences:
     return {rule: sorted(who) for rule, who in sorted(found.items())}
 
 
+@cache
+def nodes_of(tree: ast.AST) -> list[ast.AST]:
+    """All nodes of a file, which every rule looks at."""
+    return list(ast.walk(tree))
+
+
+@cache
+def words_of(name: str) -> frozenset[str]:
+    """Words of an identifier in small letters."""
+    return frozenset(part.lower() for part in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name))
+
+
 def long_signatures(tree: ast.AST) -> Iterator[str]:
     """Functions with more parameters than a reader can keep apart; ``self`` and ``cls`` do not count."""
-    for node in ast.walk(tree):
+    for node in nodes_of(tree):
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             a = node.args
             names = [arg.arg for arg in (*a.posonlyargs, *a.args, *a.kwonlyargs, a.vararg, a.kwarg) if arg is not None]
@@ -71,7 +83,7 @@ def constants(tree: ast.Module) -> Iterator[str]:
 def private_words(tree: ast.AST, room: str) -> set[str]:
     """Words of ours among the words of the identifiers that a file introduces."""
     found = set()
-    for node in ast.walk(tree):
+    for node in nodes_of(tree):
         if isinstance(node, ast.FunctionDef | ast.ClassDef):
             name = node.name
         elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
@@ -80,13 +92,13 @@ def private_words(tree: ast.AST, room: str) -> set[str]:
             name = node.arg
         else:
             continue
-        found |= PRIVATE_WORDS & {part.lower() for part in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", name)}
+        found |= PRIVATE_WORDS & words_of(name)
     return {word for word in found if room not in ALLOWED_WORDS.get(word, ())}
 
 
 def concrete_classes(trees: list[ast.Module]) -> set[str]:
     """Names of classes of the package of which there can be instances: nothing abstract is left in them."""
-    classes = {n.name: n for tree in trees for n in ast.walk(tree) if isinstance(n, ast.ClassDef)}
+    classes = {n.name: n for tree in trees for n in nodes_of(tree) if isinstance(n, ast.ClassDef)}
     return {
         name for name, node in classes.items() if not {"ABC", "Protocol"} & _bases(node) and not _left(name, classes)
     }
@@ -107,7 +119,7 @@ def _bases(node: ast.ClassDef) -> set[str]:
 
 def subclasses_of(tree: ast.AST, concrete: set[str]) -> Iterator[str]:
     """Classes whose base is a concrete class of the package."""
-    return (n.name for n in ast.walk(tree) if isinstance(n, ast.ClassDef) and _bases(n) & concrete)
+    return (n.name for n in nodes_of(tree) if isinstance(n, ast.ClassDef) and _bases(n) & concrete)
 
 
 def repeated_classes(trees: list[ast.Module]) -> list[str]:
