@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tiers import only
 
 from studies.concealed_trial.condition import Tables, change_depth
 from studies.concealed_trial.helm import PULL_OUT, SPIRAL_DEG, Run, SteeringGear, TrialHelm, play
@@ -40,7 +41,7 @@ def held(truth, degrees, seconds, columns=1, start=None, step=0.5):
     return replay(truth, start, np.arange(seconds + 1.0), shown, shown, step=step)
 
 
-@pytest.mark.parametrize("name", SHIPS)
+@pytest.mark.parametrize("name", only(set(SHIPS) - {"great_lakes_bulker"}, SHIPS))
 def test_motion_is_that_of_the_published_check_motions(name):
     ship, step = SHIPS[name], 0.1
     truth = build(ship, [], ["r01"])

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tiers import only
 
 from manoeuvre_nn.commands.groups import option
 from manoeuvre_nn.commands.shelves import build
@@ -95,7 +96,7 @@ def put(folder, answer, recordings=None, after=()):
             table.to_csv(folder / "predictions" / which / f"{run}.csv", index=False)
 
 
-@pytest.mark.parametrize("name", EFFECTS)
+@pytest.mark.parametrize("name", only({"clean", "pair"}, EFFECTS))
 def test_a_perfect_answer_gets_full_marks(name, recordings, tmp_path):
     truth, case = truth_of(name), recordings / f"c_{name}"
     put(tmp_path, perfect(truth), case, EFFECTS[name])
@@ -147,7 +148,7 @@ def test_a_name_that_cannot_be_told_apart_counts_as_equal(recordings, tmp_path):
     entry = {"name": "propeller_side_force", "probability": 0.7, "equation": ["Y", "N"], "parameters": {}}
     put(tmp_path, {"verdict": "mismatch", "effects": [entry, {"name": "rudder_offset", "probability": 0.2}]})
     row = score_case(recordings / "c_offset", tmp_path, truth_of("offset"))
-    assert row["first_right"] and row["family_right"]
+    assert row["first_right"] and row["family_right"] and row["both_right"] is None
     assert row["effects"][0]["place_right"]
     assert row["brier"] == pytest.approx(0.01)
 

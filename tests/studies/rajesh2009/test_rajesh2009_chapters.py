@@ -193,7 +193,7 @@ def test_80_in_rpm_would_drive_the_ship_sixty_times_faster():
         pytest.param(tanker.chapter, None, {"figure_2"}, marks=pytest.mark.slow),
         (table2.chapter, table2, {"table_2_closed_loop"}),
         (size.chapter, size, {"figure_3", "sizes_over_starts"}),
-        (size_tanh.chapter, size, {"figure_3"}),
+        pytest.param(size_tanh.chapter, size, {"figure_3"}, marks=pytest.mark.slow),
         (length.chapter, length, {"figure_4"}),
         (manoeuvres.chapter, manoeuvres, {"figure_5", "figure_6"}),
         pytest.param(conclusions.chapter, conclusions, {"shallow_water"}, marks=pytest.mark.slow),

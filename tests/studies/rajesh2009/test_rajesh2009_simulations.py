@@ -152,7 +152,7 @@ def test_half_second_steps_without_locating_the_crossing_give_the_published_shal
     assert max(headings) - 20 == approx(overshoot, abs=0.05)
 
 
-@pytest.mark.parametrize("speed_kn, turn", [(10, (2.99, 1.45, 3.49)), (5, (1.95, 1.06, 2.93))])
+@pytest.mark.parametrize("speed_kn, turn", mainly(1, [(10, (2.99, 1.45, 3.49)), (5, (1.95, 1.06, 2.93))]))
 def test_80_rpm_turn_the_slow_ship_faster(speed_kn, turn):
     ship = CalmWater(esso_190k()).on_approach(speed_kn * KNOT).ship
     (recording,) = coarse(ship, [turning_circle(20.0)], 700.0, 2.0)

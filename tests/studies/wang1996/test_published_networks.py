@@ -5,6 +5,7 @@ from functools import cache
 import pytest
 import torch
 from fleet import ship_named, unchecked
+from tiers import mainly
 
 from manoeuvre_nn.core.scaling import Scaling
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
@@ -45,20 +46,20 @@ def errors(name, reading):
     return (g - y).square().mean(0).sqrt(), y.square().mean(0).sqrt(), y.std(0, correction=0)
 
 
-@pytest.mark.parametrize("ship", SHIPS)
+@pytest.mark.parametrize("ship", mainly(1, SHIPS))
 def test_read_in_the_order_of_the_file_the_weights_give_the_simulated_forces(ship):
     rmse, size, spread = errors(ship, "corrected")
     assert all(e <= bound for e, bound in zip(rmse / size, BOUNDS[ship], strict=True))
     assert (rmse / spread).tolist() == pytest.approx(FOUND[ship], abs=6e-4)
 
 
-@pytest.mark.parametrize("ship", SHIPS)
+@pytest.mark.parametrize("ship", mainly(1, SHIPS))
 def test_read_as_labelled_they_are_off_by_a_hundredfold(ship):
     rmse, _, spread = errors(ship, "printed")
     assert (rmse / spread).min() > 100
 
 
-@pytest.mark.parametrize("ship", SHIPS)
+@pytest.mark.parametrize("ship", mainly(1, SHIPS))
 def test_the_published_networks_sail_the_zigzag_that_they_were_trained_on(ship):
     with unchecked():
         (run,) = roll_out(identified(ship), [ZIGZAG])
