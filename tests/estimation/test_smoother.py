@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pytest import approx
+from tiers import mainly
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.estimation.accelerations import accelerations
@@ -47,7 +48,7 @@ def test_noise_of_the_sensors_is_found(noisy):
     assert {k: found[k] / SENSORS[k] for k in SENSORS} == approx(dict.fromkeys(SENSORS, 1.0), abs=0.12)
 
 
-@pytest.mark.parametrize("name", ["psi", "r"])
+@pytest.mark.parametrize("name", mainly(1, ["r", "psi"]))
 def test_a_late_sensor_is_found_and_what_it_wrote_is_moved_back(zz35, noisy, name):
     late = noisy.with_channels(**{name: np.interp(zz35.time - 2.0, zz35.time, noisy[name])})
     found = accelerations(late, "joint", delays=[name])

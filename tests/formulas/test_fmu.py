@@ -14,6 +14,7 @@ from fmpy.fmi2 import FMU2Slave
 from fmpy.validation import validate_fmu
 from models import model
 from test_vessels_written import acting
+from tiers import mainly
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
@@ -104,7 +105,7 @@ def test_a_unit_is_valid_and_its_variables_have_units_signs_and_starts(unit):
 
 
 @compiled
-@pytest.mark.parametrize("effects", [(), ("wind_steady", "current"), ("roll_coupling",)])
+@pytest.mark.parametrize("effects", mainly(2, [("wind_steady", "current"), ("roll_coupling",), ()]))
 def test_fmpy_sails_the_models_track(effects, tmp_path):
     path = tmp_path / "ship.fmu"
     made = program(*effects)

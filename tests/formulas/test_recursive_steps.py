@@ -67,12 +67,18 @@ def program_and_runs(shape: str):
 
 EVERY_KIND = "wind through, six, no biases"
 """The shape of most parts, of which every kind of text is made; of the others what is run fastest, the rest slowly."""
+SYMMETRIC = "symmetric, three"
+"""As the two large tables are."""
+
+
+def by_default(shape: str, kind: str) -> bool:
+    return shape == EVERY_KIND or (kind == "python" and shape != SYMMETRIC)
 
 
 @pytest.mark.parametrize(
     "shape, kind",
     [
-        pytest.param(shape, kind, marks=() if shape == EVERY_KIND or kind == "python" else pytest.mark.slow)
+        pytest.param(shape, kind, marks=() if by_default(shape, kind) else pytest.mark.slow)
         for shape in SHAPES
         for kind in ("python", "c", "csv", "latex", "onnx")
     ],

@@ -29,7 +29,10 @@ MIRRORED = only(
 EVERY_SHIP = pytest.mark.parametrize("name", SHIPS)
 SOLVED = pytest.mark.parametrize(
     "name, trial",
-    only({*product(["mariner"], TRIALS), *product(["esso_190k_shallow"], ["zz20", "tc25"])}, product(SHIPS, TRIALS)),
+    only(
+        {*product(["mariner"], set(TRIALS) - {"zz10_5_port"}), *product(["esso_190k_shallow"], ["zz20", "tc25"])},
+        product(SHIPS, TRIALS),
+    ),
 )
 """A ship of each kind of equations is enough to compare solutions in, and of one of them every kind of trial."""
 
@@ -96,7 +99,7 @@ def test_at_twice_the_speed_the_track_is_the_same_in_half_the_time(name):
     assert b["u"] == approx(2 * a["u"], abs=1e-8) and b["udot"] == approx(4 * a["udot"], abs=1e-8)
 
 
-@pytest.mark.parametrize("depth", [inf, 1.5 * ESSO.draught])
+@pytest.mark.parametrize("depth", mainly(1, [1.5 * ESSO.draught, inf]))
 def test_a_tanker_twice_as_large_moves_alike_by_froude(depth):
     small = esso_190k(depth=depth)
     table = small.coefficients | {"cun": 2 * small.coefficients["cun"], "cnn": 4 * small.coefficients["cnn"]}

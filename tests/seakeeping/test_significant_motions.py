@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from fleet import unchecked
 from pytest import approx
+from tiers import mainly
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import GRAVITY, KNOT
@@ -77,7 +78,7 @@ def test_strips_come_near_the_program_that_the_paper_took_its_records_from():
     np.testing.assert_allclose(ours, formula, atol=0.3)
 
 
-@pytest.mark.parametrize("draught", [5.0, 6.37, 8.8, 11.0])
+@pytest.mark.parametrize("draught", mainly(2, [6.37, 8.8, 5.0, 11.0]))
 def test_between_the_solved_draughts_the_answer_is_that_of_a_ship_of_that_draught(draught):
     row = np.array([[draught, 7.0, 2.5]])
     hull = panelled(S175, draught, girthwise=10)
