@@ -80,6 +80,8 @@ def test_of_what_the_model_itself_sailed_nothing_is_missing_however_good_the_ins
     assert d.verdict == "none" and all(check.passed for check in d.checks), [check.text for check in d.checks]
     assert [check.name for check in d.checks] == [RIGHT_SHIP, NAME] and "p = " in d.checks[1].text and not d.doubtful
     assert next(c.probability for c in d.causes if c.name == "unknown") < 0.1
+    assert d.model == [] and d.rmse("before") == approx(d.rmse("after"), nan_ok=True)
+    assert all(r.windows == [] for r in d.residuals)
     assert "vn" in case.runs[0].derived and np.isnan(d.noise["v"]) and d.noise["psi"] > 0
 
 

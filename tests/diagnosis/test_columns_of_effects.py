@@ -10,6 +10,7 @@ import torch
 from fleet import unchecked
 from pytest import approx
 from scipy.integrate import solve_ivp
+from tiers import mainly
 from trials import CALM, NOISE, SHIP, TIMED, ZIGZAG, about, run_of, sailed, states_of, values
 
 from manoeuvre_nn.core.channels import MEASURED
@@ -59,26 +60,27 @@ LARGE = {
     e.name: e
     for e in (
         Current(SHIP, speed=0.8, toward_deg=60.0),
+        PowerLimit(SHIP, rpm_slope=0.4),
+        RollCoupling(SHIP, N_phi=0.02),
+        RudderSlow(SHIP, rate_deg_s=2.0),
+        RudderBacklash(SHIP, width_deg=5.0),
+        RudderDelay(SHIP, delay_s=2.0),
+        HeadingBias(SHIP, bias_deg=1.0),
+        LeverArm(SHIP, dx_m=30.0, dy_m=5.0),
+        GpsDelay(SHIP, delay_s=1.0),
         SteadyWind(SHIP, speed=10.0, from_deg=60.0),
         ShallowWater(SHIP, depth_m=20.0),
         Tow(SHIP, force_kN=100.0, angle_deg=100.0, start_s=0.0, end_s=500.0),
         HullFouling(SHIP, added_resistance=0.3),
         PropellerSideForce(SHIP, force_kN=60.0),
-        PowerLimit(SHIP, rpm_slope=0.4),
-        RollCoupling(SHIP, N_phi=0.02),
         RudderOffset(SHIP, offset_deg=1.5),
-        RudderSlow(SHIP, rate_deg_s=2.0),
-        RudderBacklash(SHIP, width_deg=5.0),
         RudderSaturation(SHIP, limit_deg=15.0),
-        RudderDelay(SHIP, delay_s=2.0),
-        HeadingBias(SHIP, bias_deg=1.0),
         RateBias(SHIP, bias_deg_s=0.03),
         LogScale(SHIP, factor=1.05),
-        LeverArm(SHIP, dx_m=30.0, dy_m=5.0),
-        GpsDelay(SHIP, delay_s=1.0),
     )
 }
 """Effects of every site at sizes that matter."""
+EACH_KIND = pytest.mark.parametrize("name", mainly(10, LARGE))  # the others act as one of these does
 STATES = np.array([1e-3, 1e-3, 1e-5, 1e-2, 1e-2, 1e-4])
 """Changes of the state within a step that are next to nothing."""
 
@@ -103,7 +105,7 @@ def added(effect: Effect, line: LinearisedRun) -> Columns:
         return contribution(effect, values(effect), line)
 
 
-@pytest.mark.parametrize("name", LARGE)
+@EACH_KIND
 def test_an_effect_moves_the_ship_as_calm_water_lacks_along_its_true_track(name):
     line, c = truth(name)
     missing = -line.defect
@@ -145,7 +147,7 @@ def test_what_pushes_a_ship_moves_her_as_another_effect_has_changed_her_inertia(
         assert (np.quantile(off[:, :3], 0.9, axis=0).max() < 0.01) == right
 
 
-@pytest.mark.parametrize("name", LARGE)
+@EACH_KIND
 def test_an_effect_changes_the_channels_as_the_recorder_wrote_them(name):
     line, c = truth(name)
     assert (np.abs(c.measured[..., 0] - line.residual) < 5e-3 * NOISE).all()
@@ -153,19 +155,19 @@ def test_an_effect_changes_the_channels_as_the_recorder_wrote_them(name):
 
 SMALL = [
     (Current(SHIP, speed=0.05, toward_deg=60.0), 0.01),
+    (RudderSlow(SHIP, rate_deg_s=2.0), 0.12),
+    (PowerLimit(SHIP, rpm_slope=0.02), 0.02),
+    (HeadingBias(SHIP, bias_deg=0.1), 0.01),
     (SteadyWind(SHIP, speed=0.5, from_deg=60.0), 0.01),
     (ShallowWater(SHIP, depth_m=185.0), 0.03),
     (RudderOffset(SHIP, offset_deg=0.1), 0.01),
-    (RudderSlow(SHIP, rate_deg_s=2.0), 0.12),
-    (PowerLimit(SHIP, rpm_slope=0.02), 0.02),
     (RollCoupling(SHIP, N_phi=5e-4), 0.02),
-    (HeadingBias(SHIP, bias_deg=0.1), 0.01),
     (LogScale(SHIP, factor=1.01), 0.01),
     (LeverArm(SHIP, dx_m=3.0, dy_m=1.0), 0.01),
 ]
 
 
-@pytest.mark.parametrize("effect, tolerance", SMALL, ids=[e.name for e, _ in SMALL])
+@pytest.mark.parametrize("effect, tolerance", mainly(5, SMALL), ids=[e.name for e, _ in SMALL])
 def test_carried_on_by_the_transitions_it_is_the_difference_of_two_simulations(effect, tolerance):
     """A second route past the smoother: sensitivities about the calm track, summed up over two minutes."""
     (record,), calm = sailed([TIMED], [effect]), calm_record()
@@ -185,8 +187,8 @@ def test_carried_on_by_the_transitions_it_is_the_difference_of_two_simulations(e
 ON_BENCH = {
     name: LARGE[name]
     for name in (
-        "current", "wind_steady", "shallow_water", "rudder_offset", "rudder_slow", "power_limit", "roll_coupling",
-        "heading_bias", "log_scale",
+        "current", "wind_steady", "rudder_slow", "roll_coupling", "heading_bias", "power_limit", "shallow_water",
+        "rudder_offset", "log_scale",
     )
 } | {"gps_lever_arm": LeverArm(SHIP, dx_m=8.0, dy_m=2.0)}  # fmt: skip
 FAR = {"gps_lever_arm": LARGE["gps_lever_arm"], "shallow_water": LARGE["shallow_water"], "wind": LARGE["wind_steady"]}
@@ -209,7 +211,7 @@ def misfits(stand: WhitenedDataSet, effect: Effect) -> np.ndarray:
     return e.dot(e)
 
 
-@pytest.mark.parametrize("name", ON_BENCH)
+@pytest.mark.parametrize("name", mainly(5, ON_BENCH))
 def test_on_the_bench_the_true_values_leave_no_misfit_and_calm_water_much(name):
     g = misfits(on_bench(ON_BENCH[name]), ON_BENCH[name])
     assert g[0, 0] > 100

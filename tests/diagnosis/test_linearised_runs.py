@@ -7,6 +7,7 @@ import pytest
 import torch
 from fleet import unchecked
 from pytest import approx
+from tiers import mainly
 from trials import CALM, NOISE, SHIP, TIMED, about, run_of, sailed, states_of, tensor
 
 from manoeuvre_nn.core.inputs import Inputs
@@ -221,7 +222,7 @@ def fine_step(state: torch.Tensor, start: float, end: float, shaft: float, h: fl
     return state
 
 
-@pytest.mark.parametrize("k", [0, 7])
+@pytest.mark.parametrize("k", mainly(1, [7, 0]))
 def test_the_transition_is_the_derivative_of_a_fine_solution_by_autograd(k):
     line = short()
     run, h = line.run, line.run.step

@@ -10,6 +10,7 @@ import pytest
 import torch
 from fleet import unchecked
 from pytest import approx
+from tiers import mainly
 from trials import CALM, NOISE, SHIP, run_of
 
 from manoeuvre_nn.commands.diagnose import summary
@@ -129,6 +130,7 @@ def test_with_the_current_the_run_that_was_not_used_is_predicted_to_the_noise():
     assert proof.run == "held out" and len(proof.after) == len(proof.before) == len(proof.recorded)
 
 
+@pytest.mark.slow  # what the model itself sailed ends with nothing in test_calm_water_checked.py
 def test_clean_recordings_end_with_nothing():
     d = with_a_network_to_try()
     assert (d.verdict, d.model) == ("none", [])
@@ -237,7 +239,7 @@ def test_a_force_without_a_name_is_unknown_and_its_formula_predicts_the_run_that
     assert d.rmse("before")["pos"] > 3 * d.noise["pos"] and d.rmse("after")["pos"] < 1.2 * d.noise["pos"]
 
 
-@pytest.mark.parametrize("acting", [(), ("current",)])
+@pytest.mark.parametrize("acting", mainly(1, [["current"], []]))
 def test_a_network_is_not_taken_where_physics_reaches_the_noise(acting):
     d = with_a_network_to_try(*acting)
     assert d.network == {} and d.model == list(acting)
