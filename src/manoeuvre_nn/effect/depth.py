@@ -17,13 +17,13 @@ from manoeuvre_nn.core.units import KNOT
 from manoeuvre_nn.effect.common import columns, factor
 from manoeuvre_nn.effect.series import HullEffect, diagonal
 
+# At T/h = .8 Lackenby 1963, Raven 2016 and the tanker add 63, 38 and 64 % to the resistance, waves alone nothing; the
+# sources have factors of linear terms alone.
 FORM = (
-    factor(
-        "surge", 0.5
-    ),  # at T/h = .8 Lackenby 1963, Raven 2016 and the tanker add 63, 38 and 64 %, waves alone nothing
+    factor("surge", 0.5),
     factor("sway", 0.3),
     factor("yaw", 0.3),
-    factor("nonlinear", 0.5),  # the sources have factors of linear terms alone
+    factor("nonlinear", 0.5),
     Parameter("source", "-", -0.5, 1.5, 0.5, 0.35, (0.5,), form=True),
 )
 DEPTH = Parameter("depth_m", "m", 1.0, 1000.0, None, 10.0, (30.0,))
