@@ -60,6 +60,7 @@ LARGE = {
     e.name: e
     for e in (
         Current(SHIP, speed=0.8, toward_deg=60.0),
+        ShallowWater(SHIP, depth_m=20.0),
         PowerLimit(SHIP, rpm_slope=0.4),
         RollCoupling(SHIP, N_phi=0.02),
         RudderSlow(SHIP, rate_deg_s=2.0),
@@ -69,7 +70,6 @@ LARGE = {
         LeverArm(SHIP, dx_m=30.0, dy_m=5.0),
         GpsDelay(SHIP, delay_s=1.0),
         SteadyWind(SHIP, speed=10.0, from_deg=60.0),
-        ShallowWater(SHIP, depth_m=20.0),
         Tow(SHIP, force_kN=100.0, angle_deg=100.0, start_s=0.0, end_s=500.0),
         HullFouling(SHIP, added_resistance=0.3),
         PropellerSideForce(SHIP, force_kN=60.0),
@@ -80,7 +80,7 @@ LARGE = {
     )
 }
 """Effects of every site at sizes that matter."""
-EACH_KIND = pytest.mark.parametrize("name", mainly(10, LARGE))  # the others act as one of these does
+EACH_KIND = pytest.mark.parametrize("name", mainly(11, LARGE))  # the others act as one of these does
 STATES = np.array([1e-3, 1e-3, 1e-5, 1e-2, 1e-2, 1e-4])
 """Changes of the state within a step that are next to nothing."""
 
@@ -167,7 +167,7 @@ SMALL = [
 ]
 
 
-@pytest.mark.parametrize("effect, tolerance", mainly(5, SMALL), ids=[e.name for e, _ in SMALL])
+@pytest.mark.parametrize("effect, tolerance", mainly(6, SMALL), ids=[e.name for e, _ in SMALL])
 def test_carried_on_by_the_transitions_it_is_the_difference_of_two_simulations(effect, tolerance):
     """A second route past the smoother: sensitivities about the calm track, summed up over two minutes."""
     (record,), calm = sailed([TIMED], [effect]), calm_record()

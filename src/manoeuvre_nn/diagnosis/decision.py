@@ -309,8 +309,8 @@ def _claims(
         fewer = [j for j in result.fitted if len(j.names) == size and set(j.names) < set(claims[0].names)]
         claims += fewer if size > 1 else fewer[:1]
     steady = [j for j in result.fitted if best and is_without_gusts(j, best)][:1]
-    worthy = _worthy(result) if best else []
-    rivals = [j for j in worthy if best and are_rivals(best, j) and not is_without_gusts(j, best)][: MAX_IN_RACE - 1]
+    near = [j for j in _worthy(result) if best and are_rivals(best, j) and not is_without_gusts(j, best)]
+    rivals = near[: MAX_IN_RACE - 1]
     claims[1:1] = [*steady, *rivals]
     # What the last effect of a rival adds is told beside the best of its parts, too.
     for several in rivals:

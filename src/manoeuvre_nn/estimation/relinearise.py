@@ -39,7 +39,8 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis, corrected: bool
     """The runs about the states and the corrected coefficients of a fitted hypothesis.
 
     The first states were found with any force, stream and sensor error allowed; what these mistook for one another is
-    only corrected to first order there.
+    only corrected to first order there. The transitions are those of the ship with the hypothesis' effects aboard
+    (:func:`.with_feedback`).
 
     Args:
         data_set: The runs about other states.

@@ -66,23 +66,18 @@ def mat_frame(path: Path, columns: Sequence[str] | None = None) -> pd.DataFrame:
 
 def _older(path: Path) -> Vectors:
     """Vectors of a file of version 4 to 7.2."""
+    now = path.stat()
+    if _breaks_down(str(path), now.st_mtime_ns, now.st_size):
+        raise InputError(f"{path.name}: not a MAT file, or damaged: its reader breaks down; export it again, or as CSV")
     try:
-        matfile_version(str(path))  # what has no head of such a file is refused without a process of its own
-        now = path.stat()
-        if _breaks_down(str(path), now.st_mtime_ns, now.st_size):
-            raise InputError(
-                f"{path.name}: not a MAT file, or damaged: its reader breaks down; export it again, or as CSV"
-            )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of objects that it cannot make, which are left out
             content = loadmat(path, squeeze_me=True, struct_as_record=False, chars_as_strings=True)
-    except InputError:
-        raise
     except MemoryError as error:
         raise InputError(f"{path.name}: not a MAT file that fits into memory; is it cut off?") from error
     except Exception as error:  # its reader raises many kinds on foreign, hostile and cut-off files
-        told = " ".join(str(error).split())[:80] or type(error).__name__
-        raise InputError(f"{path.name}: not a MAT file, or cut off ({told}); export it again, or as CSV") from None
+        said = " ".join(str(error).split())[:80] or type(error).__name__
+        raise InputError(f"{path.name}: not a MAT file, or cut off ({said}); export it again, or as CSV") from None
     named = (pair for name in content if not name.startswith("__") for pair in _fields(name, content[name], 0))
     return dict(vector for name, value in named for vector in _columns(name, value))
 
@@ -94,8 +89,12 @@ def _breaks_down(file: str, changed: int, size: int) -> bool:
     Another process tries first: once for a file as it was when it was ``changed`` and of this ``size``.
 
     Returns:
-        Whether it does.
+        Whether it does; not where the file has no head of a MAT file, which the reader refuses as it should.
     """
+    try:
+        matfile_version(file)
+    except Exception:  # of many kinds; the reader meets it again, and says why
+        return False
     return subprocess.run([sys.executable, "-c", TRY, file], capture_output=True, check=False).returncode not in {0, 1}
 
 
