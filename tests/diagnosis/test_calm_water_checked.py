@@ -11,9 +11,8 @@ from trials import CALM, SHIP
 
 from manoeuvre_nn.api import as_sensed
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_UNKNOWN
 from manoeuvre_nn.diagnosis.case import Question, case_of
-from manoeuvre_nn.diagnosis.decision import decide
+from manoeuvre_nn.diagnosis.decision import MIN_GAIN_OF_UNKNOWN, decide
 from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.predictive import calm_check, repaired_check, tail
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs

@@ -17,8 +17,8 @@ RACES = [
     ((20.0, 15.2, 14.8), 2),  # five behind the best are out of the race
     ((20.0, 19.0, 18.0, 17.0), 4),  # three at once; as these lose, the fourth is next
     ((20.0, 14.0), 0),
-    ((5.2, 5.0), 2),
-    ((4.8, 4.7), 0),  # no alarm: nothing to race for
+    ((0.0, -0.1), 2),  # two effects, each as often as calm water
+    ((-0.1, -0.2), 0),  # calm water is likelier: nothing to race for
 ]
 
 

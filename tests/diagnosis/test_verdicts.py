@@ -9,9 +9,15 @@ from pytest import approx
 from trials import SHIP, values
 
 from manoeuvre_nn.diagnosis import decision as under_test
-from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_OF_SECOND, MIN_GAIN_OF_UNKNOWN, MIN_GAIN_TO_TRY, _drawn
-from manoeuvre_nn.diagnosis.decision import PRIOR_OF_SIZE, PRIOR_UNKNOWN, decide
-from manoeuvre_nn.diagnosis.search import SearchResult
+from manoeuvre_nn.diagnosis.decision import (
+    MIN_GAIN_OF_UNKNOWN,
+    PRIOR_NONE,
+    PRIOR_OF_SIZE,
+    PRIOR_UNKNOWN,
+    base_rate,
+    decide,
+)
+from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SECOND, SearchResult
 from manoeuvre_nn.diagnosis.unknown import ReceiverWander
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.effect.current import Current
@@ -20,7 +26,6 @@ from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
-from manoeuvre_nn.estimation.posterior import posterior
 
 EFFECTS = {e.name: e for e in (Current(SHIP), RudderOffset(SHIP), HeadingBias(SHIP), LogScale(SHIP))}
 FORCE = {"force_kN": 200.0, "start_s": 60.0, "end_s": 120.0}
@@ -28,6 +33,8 @@ END = 0.6 * SHIP.particulars.length
 EFFECTS |= {where: SideForce(SHIP, **FORCE, lever_m=m) for where, m in {"aft": -END, "ahead": END, "on": 50.0}.items()}
 EFFECTS["wide"] = RudderOffset(SHIP, offset_deg=RudderOffset.declared[0].high)
 CALM_EVIDENCE = -1000.0
+AS_LIKELY = float(np.log(PRIOR_NONE / base_rate(1, 4)))
+"""Log evidence at which one of four effects is as likely as calm water."""
 
 
 def judged(evidence: float, *names: str) -> FittedHypothesis:
@@ -39,7 +46,7 @@ def judged(evidence: float, *names: str) -> FittedHypothesis:
 
 @pytest.fixture
 def decided(monkeypatch):
-    """Decides on log Bayes factors over calm water; what chance can do is known, and so is the stranger."""
+    """Decides on log Bayes factors over calm water; the evidence of something unknown is given."""
 
     def run(factors: dict, unknown: float = -5.0, lacked: float | None = None):
         monkeypatch.setattr(under_test, "beside", lambda likelihood, hypothesis: likelihood)
@@ -47,7 +54,6 @@ def decided(monkeypatch):
         monkeypatch.setattr(under_test, "short_formula", lambda likelihood, none: None)
         monkeypatch.setattr(under_test, "unknown_evidence", lambda likelihood, none, formula: CALM_EVIDENCE + unknown)
         monkeypatch.setattr(under_test, "receiver_wander", lambda *_: ReceiverWander(0.0, 1.0, -np.inf))
-        monkeypatch.setattr("manoeuvre_nn.diagnosis.alarm.threshold", lambda contest: 1.0)
         made = [judged(CALM_EVIDENCE + f, *key.split(" + ")) for key, f in factors.items()]
         made.sort(key=lambda j: -j.evidence)
         likelihood = object.__new__(MarginalLikelihood)
@@ -61,11 +67,11 @@ def decided(monkeypatch):
 SINGLES = {"current": 12.0, "rudder_offset": 3.0, "heading_bias": -1.0, "log_scale": -2.0}
 
 
-@pytest.mark.parametrize("gain", [-3.0, 0.0, MIN_GAIN_TO_TRY - 0.1, MIN_GAIN_TO_TRY + 0.1, 20.0])
+@pytest.mark.parametrize("gain", [-3.0, 0.0, AS_LIKELY - 0.1, AS_LIKELY + 0.1, 20.0])
 @pytest.mark.parametrize("unknown", [-5.0, MIN_GAIN_OF_UNKNOWN - 0.1, MIN_GAIN_OF_UNKNOWN + 0.1, 30.0])
 @pytest.mark.parametrize("others", [-1.0, -30.0])
 def test_single_causes_none_and_unknown_add_up_to_one(decided, gain, unknown, others):
-    """The last pair is an alarm that the prior speaks against."""
+    """The last pair is a name that something unknown speaks against."""
     v = decided(dict.fromkeys(SINGLES, others) | {"current": gain}, unknown)
     assert v.none + v.unknown + sum(v.effects.values()) == approx(1.0)
     assert all(0 <= p <= 1 for p in (v.none, v.unknown, *v.effects.values()))
@@ -123,43 +129,24 @@ def test_more_evidence_is_more_probability(decided):
     assert (np.diff([v.none for v in found]) <= 0).all()
 
 
-def test_what_chance_could_do_is_no_mismatch(decided):
-    quiet, loud = (
-        decided(SINGLES | {"current": MIN_GAIN_TO_TRY - 0.1}),
-        decided(SINGLES | {"current": MIN_GAIN_TO_TRY + 0.1}),
-    )
+def test_what_is_likelier_than_calm_water_is_put_to_the_proof(decided):
+    others = dict.fromkeys(SINGLES, -9.0)
+    quiet, loud = (decided(others | {"current": AS_LIKELY + more}) for more in (-0.1, 0.1))
     assert (quiet.named, loud.named, quiet.strange) == (False, True, False)
     assert quiet.none > 0.5 > loud.none
-    strange = decided(SINGLES | {"current": 0.0}, unknown=MIN_GAIN_OF_UNKNOWN + 0.1)
+    strange = decided(others, unknown=MIN_GAIN_OF_UNKNOWN + 0.1)
     assert strange.strange and not strange.named and strange.none < 0.5
 
 
-def test_two_effects_need_more_to_raise_the_alarm_than_one(decided):
+def test_two_effects_need_more_than_one_to_be_put_to_the_proof(decided):
     def named(gain, *names):
         return decided(dict.fromkeys(SINGLES, -9.0) | {" + ".join(names): gain}).named
 
-    assert not named(MIN_GAIN_TO_TRY - 0.1, "current") and named(MIN_GAIN_TO_TRY + 0.1, "current")
-    both = ("current", "rudder_offset")
-    assert not named(MIN_GAIN_TO_TRY + MIN_GAIN_OF_SECOND - 0.1, *both) and named(
-        MIN_GAIN_TO_TRY + MIN_GAIN_OF_SECOND + 0.1, *both
-    )
+    assert not named(AS_LIKELY - 0.1, "current") and named(AS_LIKELY + 0.1, "current")
+    both, least = ("current", "rudder_offset"), float(np.log(PRIOR_NONE / base_rate(2, 4)))
+    assert not named(least - 0.1, *both) and named(least + 0.1, *both)
 
 
 def test_nothing_judged_is_calm_water(decided):
     v = decided({})
     assert v.best is None and v.effects == {} and v.none > 0.9
-
-
-def test_what_chance_does_to_a_candidate_is_what_regressions_on_noise_find():
-    """Quantiles of log Bayes factors of white data on three columns with priors, two routes."""
-    g = np.random.default_rng(3)
-    columns, spread = g.standard_normal((40, 3)) * [0.5, 1.0, 3.0], np.array([1.0, 0.4, 2.0])
-    factors = []
-    for _ in range(1500):
-        vectors = np.column_stack([g.standard_normal(40), columns])
-        gram = vectors.T @ vectors
-        found = posterior(gram, 0.0, spread, np.eye(4)[0], scaled=0)
-        factors.append(found.evidence[0] + 0.5 * gram[0, 0])
-    drawn = _drawn(np.random.default_rng(0), columns.T @ columns, spread)
-    at = [0.05, 0.25, 0.5, 0.75, 0.95]
-    assert np.quantile(drawn, at) == approx(np.quantile(factors, at), abs=0.3)

@@ -5,9 +5,8 @@
 makes the file again in some minutes; with ``decide`` only the decisions in it. Three runs of a Mariner are sailed
 whose coefficients are off by 3 %, with a small coloured force and the noise of the other tests; nothing acts, or
 effects of a known size, or a force that no candidate has. Six candidates are searched. Stored is what a decision sees:
-the log evidence over calm water of every hypothesis, of something unknown and of a short formula, and of each single
-candidate the information on its numbers over their prior (the eigenvalues, of which the threshold of the alarm is
-made). ``decided`` is what was decided of that.
+the log evidence over calm water of every hypothesis, of something unknown and of a short formula. ``decided`` is what
+was decided of that.
 """
 
 import json
@@ -26,7 +25,7 @@ from trials import CALM, NOISE, SHIP, run_of, values
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis import alarm, decision
+from manoeuvre_nn.diagnosis import decision
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.search import SearchResult, search
@@ -97,7 +96,6 @@ def weighed(kind: str, seed: int) -> dict:
         unknown = unknown_evidence(at_calm, result.none, formula)
         singles = [j for j in result.fitted if len(j.names) == 1]
         several = [j for j in result.fitted if len(j.names) > 1]
-        spectra = {j.names[0]: spectrum(*alarm._information(result, j.hypothesis)) for j in singles}
     none = result.none.evidence
     return {
         "kind": kind,
@@ -105,14 +103,7 @@ def weighed(kind: str, seed: int) -> dict:
         "unknown": round(unknown - none, 2),
         "formula": None if formula is None else round(formula.evidence - none, 2),
         "gains": {" + ".join(j.names): round(j.evidence - none, 2) for j in [*singles, *several[:SEVERAL]]},
-        "information": spectra,
     }
-
-
-def spectrum(information: np.ndarray, spread: np.ndarray) -> list[float]:
-    """Eigenvalues of the information over the prior's, three digits each; smaller ones than 1e-3 say nothing."""
-    found = np.linalg.eigvalsh(information * np.outer(spread, spread))
-    return [float(f"{v:.2g}") for v in found if v > 1e-3]
 
 
 def search_of(case: dict) -> SearchResult:
@@ -130,31 +121,22 @@ def search_of(case: dict) -> SearchResult:
     return SearchResult(judged(0.0), sorted(made, key=lambda j: -j.evidence), likelihood)
 
 
-def decision_of(case: dict, threshold: float | None = None) -> tuple[Decision, float]:
-    """What is decided of a stored search, and the threshold of its alarm, unless that is known."""
+def decision_of(case: dict) -> Decision:
+    """What is decided of a stored search."""
     result = search_of(case)
     rule = None if case["formula"] is None else replace(result.none, evidence=case["formula"])
-    known = {name: np.array(spectrum) for name, spectrum in case["information"].items()}
-
-    def information(_: SearchResult, h: Hypothesis) -> tuple[np.ndarray, np.ndarray]:
-        return np.diag(known[h.names[0]]), np.ones(len(known[h.names[0]]))
-
-    with patch.object(alarm, "_information", information):
-        least = alarm.threshold(result) if threshold is None else threshold
     with (
-        patch.object(alarm, "threshold", lambda result: least),
         patch.object(decision, "beside", lambda likelihood, hypothesis: likelihood),
         patch.object(decision, "gain_by_coefficient_priors", lambda data_set, j: 0.0),
         patch.object(decision, "short_formula", lambda there, none: rule),
         patch.object(decision, "unknown_evidence", lambda there, none, formula: case["unknown"]),
         patch.object(decision, "receiver_wander", lambda there, none: ReceiverWander(0.0, 1.0, -np.inf)),
     ):
-        return decision.decide(result), least
+        return decision.decide(result)
 
 
-def told(made: tuple[Decision, float]) -> dict:
+def told(d: Decision) -> dict:
     """A decision as it is stored."""
-    d, threshold = made
     return {
         "named": d.named,
         "strange": d.strange,
@@ -163,7 +145,6 @@ def told(made: tuple[Decision, float]) -> dict:
         "best": None if d.best is None else " + ".join(d.best.names),
         "likely": {name: round(p, 3) for name, p in d.effects.items() if p > 0.005},
         "claims": [" + ".join(c.names) or "formula" for c in d.claims],
-        "threshold": round(threshold, 2),
     }
 
 

@@ -8,10 +8,9 @@ from functools import partial
 import numpy as np
 
 from manoeuvre_nn.diagnosis import checks as checking
-from manoeuvre_nn.diagnosis.alarm import MIN_GAIN_TO_TRY, least_gain
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.causes import causes_of
-from manoeuvre_nn.diagnosis.decision import Decision, are_rivals, decide, is_simpler, settled
+from manoeuvre_nn.diagnosis.decision import Decision, are_rivals, decide, is_simpler, least_gain, settled
 from manoeuvre_nn.diagnosis.fits import at_rest
 from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
@@ -44,9 +43,9 @@ from manoeuvre_nn.scoring.free_runs import cost, counted_as_one
 
 PROVED = 3.0
 """Log evidence that a formula must add on held-out runs, and any effect where the model was fitted."""
-REFUTED = -MIN_GAIN_TO_TRY
-"""Log evidence of the held-out runs that refutes any other effect: as much against it as would raise an alarm. Less is
-weighed with what the fitted runs say: calm water is given corrections of its own there."""
+REFUTED = -5.0
+"""Log evidence of the held-out runs that refutes any other effect: odds of 150 to 1 against it. Less is weighed with
+what the fitted runs say: calm water is given corrections of its own there."""
 MAX_ERROR_GROWTH = 1.05
 """Growth of the error of free runs beyond which an effect is not named; of a model that was fitted it must not grow."""
 
@@ -174,7 +173,7 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
     if likeliest and likeliest.likelier and not likeliest.helped:
         free = repaired_check(question, tried, likeliest.fitted, likeliest.there)
         if free.passed:
-            why = "; free runs of this ship may go so far astray, and the log evidence alone would raise an alarm"
+            why = "; free runs of this ship may go so far astray, and their log evidence alone would be enough"
             check = replace(likeliest.check, passed=True, text=likeliest.check.text + why)
             told = [check if t is likeliest else t.check for t in known.values()]
             return likeliest.fitted, likeliest.proofs, [*told, free, *checking.checks(tried, likeliest.fitted)]
@@ -196,7 +195,7 @@ class _Tried:
         proofs: These, predicted with it.
         check: What came out.
         evidence: Log evidence of fitted and held-out runs together.
-        likelier: Whether held-out runs alone would raise an alarm, however far free runs of calm water and of it stray.
+        likelier: Whether held-out runs alone have evidence enough, however far free runs of calm water and of it stray.
     """
 
     fitted: FittedHypothesis

@@ -34,7 +34,7 @@ MIN_GAIN_OF_SINGLE = 3.0
 MIN_GAIN_OF_VARIANT = 3.0
 """Log evidence that a current which changes must add to a steady one to be told: odds of 20 to 1."""
 MIN_GAIN_OF_SECOND = 6.0
-"""Least log evidence that a second or third effect must add, to the best without it and to what raises the alarm."""
+"""Least log evidence that a second or third effect must add, beyond the best without it and what one must have."""
 Progress = Callable[[str], None]
 
 

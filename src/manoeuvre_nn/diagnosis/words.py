@@ -271,7 +271,7 @@ def runner_up(tried: SearchResult, verdict: Decision) -> list[str]:
         return []
     if not (verdict.named or verdict.strange):
         gain = best.evidence - tried.none.evidence
-        return [f"The best candidate is {labels(best)}: {gain:+.1f} in log evidence against calm water is mere chance."]
+        return [f"The best candidate is {labels(best)}, but calm water is likelier: log evidence {gain:+.1f}."]
     if verdict.unknown >= 0.5:
         against = f"something without a name is likelier ({_percent(verdict.unknown)})"
         return [_for(best, tried), f"Against it: {against}."]
