@@ -315,11 +315,11 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(
     for name, made in {
         "prove": prove, "at_rest": lambda data_set, j: (data_set, j), "averaged": lambda data_set, j: j,
         "replace": lambda j, **new: SimpleNamespace(**{**vars(j), **new}) if hasattr(j, "names") else replace(j, **new),
-        "in_held_out_runs": lambda question, j: SimpleNamespace(
+        "in_held_out_runs": lambda question, j, known: SimpleNamespace(
             hypothesis=acting, evidence=7.0 + gains.get(j.names, 0.0)
         ),
         "is_fitted": lambda dynamics: trained, "_cost": lambda question, errors: errors[0]["cost"],
-        "_last_effect_helps": lambda question, claim, *_: claim.names not in surplus,
+        "_last_effect_helps": lambda question, tried, claim, *_: claim.names not in surplus,
         "labels": lambda j: "", "_unit": lambda question: "",
         "repaired_check": lambda _, tried, j, there: replace(
             SAILED, passed=j.names != claims[0].names or REPAIRED_SAILS not in poor

@@ -67,7 +67,7 @@ def test_a_name_that_held_out_runs_favour_but_fails_the_proof_leaves_the_unknown
     there = {(): -50.0, ("log_scale",): -40.0, ("formula",): -80.0}
     monkeypatch.setattr(diagnose, "decide", lambda tried: led)
     monkeypatch.setattr(diagnose, "right_ship_check", lambda *_: Check(RIGHT_SHIP, True, ""))
-    monkeypatch.setattr(diagnose, "in_held_out_runs", lambda q, j: Mock(evidence=there[tuple(j.names)]))
+    monkeypatch.setattr(diagnose, "in_held_out_runs", lambda q, j, known: Mock(evidence=there[tuple(j.names)]))
     monkeypatch.setattr(diagnose, "_proved", lambda q, tried, some, ship: (some[0] if proved else FORMULA, [], []))
     verdict, (chosen, _, _) = diagnose._decided(Mock(dynamics=CALM), SearchResult(none, [scale], Mock()))
     assert chosen is (scale if proved else FORMULA) and verdict.unknown == approx(unknown, abs=0.005)

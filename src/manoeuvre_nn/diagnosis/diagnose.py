@@ -45,7 +45,7 @@ PROVED = 3.0
 """Log evidence that a formula must add on held-out runs, and any effect where the model was fitted."""
 REFUTED = -5.0
 """Log evidence of the held-out runs that refutes any other effect: odds of 150 to 1 against it. Less is weighed with
-what the fitted runs say: calm water is given corrections of its own there."""
+what the fitted runs say."""
 MAX_ERROR_GROWTH = 1.05
 """Growth of the error of free runs beyond which an effect is not named; of a model that was fitted it must not grow."""
 
@@ -119,7 +119,8 @@ def _decided(question: Question, tried: SearchResult) -> "tuple[Decision, Proved
     as_fitted = verdict
     if verdict.lead and question.case.held_out:
         asked = [tried.none, *filter(None, (verdict.best, verdict.formula))]
-        verdict = verdict.with_held_out(*(in_held_out_runs(question, j).evidence for j in asked))
+        known = tried.likelihood.data_set
+        verdict = verdict.with_held_out(*(in_held_out_runs(question, j, known).evidence for j in asked))
     ship = right_ship_check(tried, verdict.formula)
     chosen, proofs, checks = _proved(question, tried, verdict.claims, ship)
     if verdict.best is None or set(chosen.names) != set(verdict.best.names):
@@ -141,7 +142,8 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
     """The first claim that predicts runs which it has not seen better; calm water if none does."""
     none, known = tried.none, dict[int, _Tried]()
     proofs = prove(question, none, none.hypothesis)
-    before, calm = _cost(question, [p.rmse_before for p in proofs]), in_held_out_runs(question, none).evidence
+    before = _cost(question, [p.rmse_before for p in proofs])
+    calm = in_held_out_runs(question, none, tried.likelihood.data_set).evidence
     calm_water = proofs, before, calm
 
     def put(some: Sequence[FittedHypothesis]) -> list[_Tried]:
@@ -220,9 +222,9 @@ def _put_to_proof(
 ) -> _Tried:
     """One claim, against calm water's predictions, their error, and its log evidence in the held-out runs."""
     (proofs, before, calm), data_set = calm_water, tried.likelihood.data_set
-    # Strong gusts explain what a fit without them would lay on the mean wind.
-    j = claim if _turns(claim.hypothesis) else averaged(*at_rest(data_set, claim))
-    there = in_held_out_runs(question, j)
+    known, j = _about_own_states(data_set, claim)
+    j = j if j is claim else averaged(known, j)
+    there = in_held_out_runs(question, j, known)
     made = prove(question, j, there.hypothesis, proofs)
     # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.
     least = PROVED if is_fitted(data_set.dynamics) or Formula.name in j.names else REFUTED
@@ -240,7 +242,7 @@ def _put_to_proof(
     # Small errors of its state take free runs of a ship that is unstable on course far from any recording, whatever
     # the model: the likelihood of the recording does not suffer from that.
     likelier = tested and gain > least_gain(claim) and least == REFUTED
-    lasting = (foretold or likelier) and _last_effect_helps(question, claim, there.evidence, claims)
+    lasting = (foretold or likelier) and _last_effect_helps(question, tried, claim, there.evidence, claims)
     fewer = "; less than that does as well" if foretold and not lasting else ""
     text = (
         f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
@@ -259,23 +261,35 @@ def _acts(hypothesis: Hypothesis) -> bool:
 
 
 def _last_effect_helps(
-    question: Question, claim: FittedHypothesis, held_out: float, claims: Sequence[FittedHypothesis]
+    question: Question,
+    tried: SearchResult,
+    claim: FittedHypothesis,
+    held_out: float,
+    claims: Sequence[FittedHypothesis],
 ) -> bool:
     """Whether effects say more in fitted and held-out runs together than the best claim with one less, or no gusts."""
     by_evidence = sorted(claims, key=lambda j: j.evidence)
     fewer = {len(j.names): j for j in by_evidence if is_simpler(j, claim)}  # the best of each size
-    others = [j.evidence + in_held_out_runs(question, j).evidence for j in fewer.values()]
+    rested = [(j.evidence, *_about_own_states(tried.likelihood.data_set, j)) for j in fewer.values()]
+    others = [evidence + in_held_out_runs(question, j, known).evidence for evidence, known, j in rested]
     return claim.evidence + held_out > max(others, default=-np.inf) + (MIN_GAIN_OF_SECOND if others else 0.0)
 
 
-def _turns(hypothesis: Hypothesis) -> bool:
-    """Whether a wind with gusts across it is part of a hypothesis."""
-    return any(
+def _about_own_states(data_set: WhitenedDataSet, claim: FittedHypothesis) -> tuple[WhitenedDataSet, FittedHypothesis]:
+    """A claim about its own states; with gusts across the wind as it is.
+
+    Strong gusts explain what a fit without them would lay on the mean wind.
+
+    Returns:
+        The runs about its states, and the claim there.
+    """
+    turns = any(
         values[0, k] != 0
-        for effect, values in zip(hypothesis.effects, hypothesis.values, strict=True)
+        for effect, values in zip(claim.hypothesis.effects, claim.hypothesis.values, strict=True)
         for k, p in enumerate(effect.declared)
         if p.name in effect.random[2:]
     )
+    return (data_set, claim) if turns else at_rest(data_set, claim)
 
 
 def _with_network(question: Question, tried: SearchResult, proved: Proved, progress: Progress) -> Proved:

@@ -13,11 +13,11 @@ from manoeuvre_nn.diagnosis.gusts import gusty_evidence
 from manoeuvre_nn.diagnosis.repair import predict, predict_corrected, recorded
 from manoeuvre_nn.diagnosis.result import Proof
 from manoeuvre_nn.dynamics.base import is_fitted
-from manoeuvre_nn.estimation.data_set import same_campaigns
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet, same_campaigns
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
-from manoeuvre_nn.estimation.prepared_run import LATENCY
-from manoeuvre_nn.estimation.relinearise import gain_by_coefficient_priors
+from manoeuvre_nn.estimation.prepared_run import LATENCY, base_columns
+from manoeuvre_nn.estimation.relinearise import beside, gain_by_coefficient_priors
 from manoeuvre_nn.scoring.free_runs import errors
 
 
@@ -59,21 +59,25 @@ def prove(
     return made
 
 
-def in_held_out_runs(question: Question, fitted: FittedHypothesis) -> FittedHypothesis:
+def in_held_out_runs(
+    question: Question, fitted: FittedHypothesis, known: WhitenedDataSet | None = None
+) -> FittedHypothesis:
     """What was found, at its values in runs that were not used, which are linearised about it until their states rest.
 
     Its log evidence there judges the steps, not the whole course: the track of a course-unstable ship depends more on
-    the last per cent of its coefficients than on any effect. The noise levels are those that the runs show.
+    the last per cent of its coefficients than on any effect. It is that of these runs given the fitted ones,
+    ``ln p(held-out | fitted) = ln p(fitted, held-out) - ln p(fitted)``: coefficients are off by the same in all runs of
+    a ship, so that what an effect says of them in the fitted runs is not credited to it once more.
 
     Args:
         question: What is asked.
         fitted: What was found in the fitted runs.
+        known: These, about its states; None weighs the others by themselves, at the sizes that were found.
 
     Returns:
         It, with nothing free but the times of events, which are placed by each run's own recording and integrated out:
-        what was looked for in a run is no gain. In its evidence the uncertain parts of formulas are what they may be,
-        as coefficients are, however the errors of these go together (:func:`.gain_by_coefficient_priors`): sizes alone
-        must hold. Without held-out runs its evidence is 0.
+        what was looked for in a run is no gain. In its evidence errors of coefficients may go together in any way
+        (:func:`.gain_by_coefficient_priors`). Without held-out runs its evidence is 0.
     """
     found = fitted.hypothesis
     declared = [p for e in found.effects for p in e.declared if not p.per_run]
@@ -89,12 +93,38 @@ def in_held_out_runs(question: Question, fitted: FittedHypothesis) -> FittedHypo
     data_set, there = max(
         (at_rest(question.held_out.data_set, b) for b in begun), key=lambda rested: rested[1].evidence
     )
-    gain, evidence = gain_by_coefficient_priors(data_set, there), there.evidence
-    if any(e.random for e in found.effects):
-        evidence = gusty_evidence(MarginalLikelihood(data_set), there.hypothesis, there.best[0])
     # Predictions are made with formulas as the fitted runs have them.
     times = [k for k, f in enumerate(there.hypothesis.unknowns()) if f.parameter.per_run]
     both = zip(found.effects, there.hypothesis.values, elsewhere.values, strict=True)
     mixed = tuple(np.where([p.per_run for p in e.declared], placed, known) for e, placed, known in both)
     covariance = there.covariance[np.ix_(times, times)]
-    return replace(there, hypothesis=replace(elsewhere, values=mixed), covariance=covariance, evidence=evidence + gain)
+    placed_there = replace(there, hypothesis=replace(elsewhere, values=mixed), covariance=covariance)
+    if known is None:
+        return replace(placed_there, evidence=_log_evidence(data_set, there))
+    runs = [replace(p, base=base_columns(known.dynamics, p.linearised)) for p in (*known.runs, *data_set.runs)]
+    everywhere = WhitenedDataSet(known.dynamics, runs, known.coefficient_prior)
+    whole = replace(
+        found,
+        values=tuple(np.concatenate(both) for both in zip(found.values, mixed, strict=True)),
+        campaigns=found.campaigns + elsewhere.campaigns,
+    )
+    all_runs, fitted_runs = (
+        _log_evidence(runs, _improved(runs, h, fitted.best)) for runs, h in ((everywhere, whole), (known, found))
+    )
+    return replace(placed_there, evidence=all_runs - fitted_runs)
+
+
+def _improved(data_set: WhitenedDataSet, hypothesis: Hypothesis, best: tuple[int, int]) -> FittedHypothesis:
+    """A hypothesis about runs, fitted from values nearby; a gusty wind is left at its mean, which gusts would move."""
+    likelihood = beside(MarginalLikelihood(data_set), hypothesis)
+    if not any(e.random for e in hypothesis.effects):
+        hypothesis, _ = likelihood.improve(hypothesis, *best, rounds=2)
+    return beside(likelihood, hypothesis).evaluate(hypothesis, around=best[0])
+
+
+def _log_evidence(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> float:
+    """Log evidence of a hypothesis about runs, the course of gusts integrated out, with any prior of coefficients."""
+    likelihood, evidence = beside(MarginalLikelihood(data_set), fitted.hypothesis), fitted.evidence
+    if any(e.random for e in fitted.hypothesis.effects):
+        evidence = gusty_evidence(likelihood, fitted.hypothesis, fitted.best[0])
+    return evidence + gain_by_coefficient_priors(likelihood.data_set, fitted)
