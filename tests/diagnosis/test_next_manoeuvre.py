@@ -288,7 +288,7 @@ def test_beside_something_unknown_or_nothing_the_best_candidate_is_the_runner_up
     assert runner_up(search(weak), strange)[1] == "Against it: something without a name is likelier (97 %)."
     calm = SimpleNamespace(best=weak, named=False, strange=False, unknown=0.01)
     (said,) = runner_up(search(weak), calm)
-    assert said == "The best candidate is a current, but calm water is likelier: log evidence +2.0."
+    assert said == "The best candidate is a current, but calm water is likelier; log evidence +2.0 in the fitted runs."
     assert runner_up(search(), SimpleNamespace(best=None)) == []
 
 

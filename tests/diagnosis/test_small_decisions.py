@@ -9,7 +9,7 @@ import pytest
 import torch
 from pytest import approx
 from scipy.optimize import brentq
-from searches import fitted
+from searches import fitted, found
 from trials import CIRCLE, SHIP, run_of, sailed
 
 from manoeuvre_nn.core.errors import InputError
@@ -189,6 +189,15 @@ def test_two_effects_must_add_six_to_another_one_alone_too(monkeypatch, name, he
     monkeypatch.setattr(diagnosing, "at_rest", lambda data_set, j: (data_set, j))
     monkeypatch.setattr(diagnosing, "in_held_out_runs", lambda question, j, known: fitted(5.0, "current"))
     assert diagnosing._last_effect_helps(Mock(), Mock(), two, 5.0, [two, part, other]) is helps
+
+
+@pytest.mark.parametrize("there, outweighed", [(-2.0, False), (-4.0, True)])
+def test_calm_water_outweighs_what_held_out_runs_take_more_from_than_fitted_ones_gave(monkeypatch, there, outweighed):
+    """Of one effect, twice as often as calm water: 2.1 ahead in the fitted runs is 2.9 by its odds."""
+    best, evidence = fitted(2.1, "current"), {(): 7.0, ("current",): 7.0 + there}
+    monkeypatch.setattr(diagnosing, "at_rest", lambda data_set, j: (data_set, j))
+    monkeypatch.setattr(diagnosing, "in_held_out_runs", lambda question, j, known: fitted(evidence[j.names], *j.names))
+    assert diagnosing._outweighed(Mock(), found(best), best) is outweighed
 
 
 @pytest.mark.parametrize("degrees, moved", [(1.0, False), (1.05, True)])

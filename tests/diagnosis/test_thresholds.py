@@ -8,10 +8,9 @@ import pytest
 from pytest import approx
 from searches import EFFECTS, fitted, found
 
-from manoeuvre_nn.diagnosis import checks
+from manoeuvre_nn.diagnosis import checks, diagnose
 from manoeuvre_nn.diagnosis import decision as under_test
 from manoeuvre_nn.diagnosis.decision import (
-    MIN_GAIN_OF_NAMED,
     PRIOR_NONE,
     PRIOR_OF_SIZE,
     PRIOR_UNKNOWN,
@@ -33,16 +32,16 @@ pytestmark = pytest.mark.usefixtures("unchecked_types")
 # What is put to the proof, and what it must have ----------------------------------------------------------------------
 
 
-def test_few_clean_cases_reach_the_evidence_of_a_named_effect_whatever_the_model_lacks():
+def test_few_clean_cases_reach_the_evidence_of_a_named_effect():
     """Markov's inequality: a Bayes factor of x is reached with probability 1/x at most, by 25 candidates."""
-    assert 25 * np.exp(-MIN_GAIN_OF_NAMED) < 0.01 < 25 * np.exp(-0.95 * MIN_GAIN_OF_NAMED)
+    assert 25 * np.exp(-diagnose.MIN_GAIN_OF_NAMED) < 0.01 < 25 * np.exp(-0.95 * diagnose.MIN_GAIN_OF_NAMED)
 
 
 @pytest.mark.parametrize("names, least", [
     (("current",), 8.0), (("current", "log_scale"), 14.0), (("current", "log_scale", "heading_bias"), 20.0)
 ])  # fmt: skip
 def test_a_claim_needs_eight_for_the_first_effect_and_six_for_each_more(names, least):
-    assert under_test.least_gain(fitted(0.0, *names)) == approx(least, abs=0.4)
+    assert diagnose.least_gain(fitted(0.0, *names)) == approx(least, abs=0.4)
 
 
 @pytest.mark.parametrize("names, prior", [
@@ -115,6 +114,14 @@ def test_calm_water_keeps_six_of_ten_if_it_is_likeliest_and_no_more_than_four_if
     assert quiet.none == approx(0.6, abs=0.03) and strange.none == approx(0.4, abs=0.03)
     for d in (quiet, strange):
         assert d.none + d.unknown + sum(d.effects.values()) == approx(1.0)
+
+
+def test_where_held_out_runs_make_calm_water_likelier_nothing_is_left_of_what_was_best(decided):
+    before = decided({"current": 3.0})
+    after = before.with_calm_water()
+    assert before.named and before.none < 0.1 and not after.named and after.none == approx(0.6, abs=0.03)
+    assert after.none + after.unknown + sum(after.effects.values()) == approx(1.0)
+    assert after.effects["current"] < 0.5 and decided({"current": -9.0}).with_calm_water().none > 0.6
 
 
 @pytest.mark.parametrize("unmodelled, strange", [(6.8, False), (7.2, True)])

@@ -11,7 +11,6 @@ from jaxtyping import Float
 from manoeuvre_nn.diagnosis.fits import at_rest, refine
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.search import (
-    MIN_GAIN_OF_SECOND,
     MIN_GAIN_OF_SINGLE,
     MIN_GAIN_TO_RELINEARISE,
     SearchResult,
@@ -28,11 +27,8 @@ from manoeuvre_nn.estimation.relinearise import beside, gain_by_coefficient_prio
 
 PRIOR_NONE, PRIOR_UNKNOWN, PRIOR_OF_SIZE = 0.25, 0.10, (0.53, 0.10, 0.02)
 """Declared base rates: calm water holds, something that the shelf does not have, and one effect, two, three."""
-MIN_GAIN_OF_NAMED = 8.0
-"""Least log Bayes factor over calm water of a named effect, in fitted and held-out runs together: with some 25
-candidates fewer than 1 % of clean cases reach it, whatever the errors of the model (Markov's inequality)."""
 MIN_GAIN_OF_UNKNOWN = 7.0
-"""The same in the fitted runs for something unknown, which has no formula to be tied to."""
+"""Least log Bayes factor in the fitted runs of something unknown, which has no formula to be tied to."""
 MAX_PROCESS_OF_FITTED_MODEL = 0.1
 """Coloured force over the resistance and over 20 deg of rudder that a model fitted to other recordings may lack by
 itself; more is something that it never met."""
@@ -116,6 +112,17 @@ class Decision:
             effects={n: max(p, float(share)) if n in self.best.names else p for n, p in self.effects.items()},
             claims=[self.best, *self.claims],
         )
+
+    def with_calm_water(self) -> "Decision":
+        """The same once held-out runs made calm water likelier than the best hypothesis with a name.
+
+        Returns:
+            Nothing is left of it.
+        """
+        calm = max(self.none, MIN_CALM_WITHOUT_ALARM)
+        share = (1 - calm) / max(1 - self.none, 1e-12)
+        effects = {name: share * p for name, p in self.effects.items()}
+        return replace(self, named=False, none=calm, unknown=share * self.unknown, effects=effects)
 
     def without_calm_water(self, result: SearchResult, named: bool = True) -> "Decision":
         """The same once calm water has missed the recordings by more than is unknown about it and its coefficients.
@@ -314,11 +321,6 @@ def likelier_than_calm_water(result: SearchResult, fitted: FittedHypothesis) -> 
     """Whether a hypothesis of a search is likelier than calm water in the fitted runs, base rates counted."""
     odds = base_rate(len(fitted.names), len(effects_tried(result))) / PRIOR_NONE
     return fitted.evidence + log(odds) > result.none.evidence
-
-
-def least_gain(claim: FittedHypothesis) -> float:
-    """Least log Bayes factor over calm water that a claim must have in fitted and held-out runs together."""
-    return MIN_GAIN_OF_NAMED + MIN_GAIN_OF_SECOND * (len(claim.names) - 1)
 
 
 def base_rate(size: int, effects: int) -> float:

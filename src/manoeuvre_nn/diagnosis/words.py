@@ -93,7 +93,7 @@ def left_open(tried: SearchResult, verdict: Decision) -> str:
         if not verdict.named or verdict.best is None:
             return ""
         better = f"with {labels(verdict.best)} the fitted runs are explained better than by calm water alone"
-        return f"{better}, but runs that were not used are not predicted better"
+        return f"{better}, but with the runs that were not used there is too little evidence to name it"
     surge, lateral = (100 * level for level in data_set.levels[tried.none.best[0]])
     said = (
         f"the fitted model lacks forces of about {surge:.2g} % of the resistance and {lateral:.2g} % of 20 deg of "
@@ -271,7 +271,8 @@ def runner_up(tried: SearchResult, verdict: Decision) -> list[str]:
         return []
     if not (verdict.named or verdict.strange):
         gain = best.evidence - tried.none.evidence
-        return [f"The best candidate is {labels(best)}, but calm water is likelier: log evidence {gain:+.1f}."]
+        said = f"log evidence {gain:+.1f} in the fitted runs"
+        return [f"The best candidate is {labels(best)}, but calm water is likelier; {said}."]
     if verdict.unknown >= 0.5:
         against = f"something without a name is likelier ({_percent(verdict.unknown)})"
         return [_for(best, tried), f"Against it: {against}."]
