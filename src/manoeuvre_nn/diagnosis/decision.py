@@ -32,7 +32,7 @@ MIN_GAIN_OF_UNKNOWN = 7.0
 MAX_PROCESS_OF_FITTED_MODEL = 0.1
 """Coloured force over the resistance and over 20 deg of rudder that a model fitted to other recordings may lack by
 itself; more is something that it never met."""
-MIN_CALM_WITHOUT_ALARM = 0.6
+MIN_CALM = 0.6
 """Least probability of calm water as long as nothing is likelier and nothing unknown acts."""
 MAX_DEFICIT_IN_RACE, MAX_IN_RACE, MAX_SETTLED = 5.0, 3, 9
 """Log evidence by which a hypothesis may lie behind the best to be linearised about its own states; how many are at
@@ -119,7 +119,7 @@ class Decision:
         Returns:
             Nothing is left of it.
         """
-        calm = max(self.none, MIN_CALM_WITHOUT_ALARM)
+        calm = max(self.none, MIN_CALM)
         share = (1 - calm) / max(1 - self.none, 1e-12)
         effects = {name: share * p for name, p in self.effects.items()}
         return replace(self, named=False, none=calm, unknown=share * self.unknown, effects=effects)
@@ -135,7 +135,7 @@ class Decision:
         Returns:
             Something acts; the best hypotheses with a name may be claimed if there is any evidence for them.
         """
-        calm = min(self.none, 1 - MIN_CALM_WITHOUT_ALARM)
+        calm = min(self.none, 1 - MIN_CALM)
         share = (1 - calm) / max(1 - self.none, 1e-12)
         least = result.none.evidence + MIN_GAIN_OF_SINGLE
         likely = [j for j in _worthy(result) if named and j.evidence > least][:MAX_IN_RACE]
@@ -236,8 +236,8 @@ def decide(result: SearchResult) -> Decision:
     lacked = data_set.levels[result.none.best[0]].max()
     named = best is not None and likelier_than_calm_water(result, best)
     strange = unmodelled - none > MIN_GAIN_OF_UNKNOWN or bool(trained and lacked > MAX_PROCESS_OF_FITTED_MODEL)
-    least = 0.0 if named or strange else MIN_CALM_WITHOUT_ALARM
-    most = 1 - MIN_CALM_WITHOUT_ALARM if strange else 1.0
+    least = 0.0 if named or strange else MIN_CALM
+    most = 1 - MIN_CALM if strange else 1.0
     if not least <= shares[0] <= most:
         calm = float(np.clip(shares[0], least, most))
         shares = np.r_[calm, shares[1:] * ((1 - calm) / shares[1:].sum())]

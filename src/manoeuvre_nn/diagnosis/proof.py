@@ -96,22 +96,24 @@ def in_held_out_runs(
     # Predictions are made with formulas as the fitted runs have them.
     times = [k for k, f in enumerate(there.hypothesis.unknowns()) if f.parameter.per_run]
     both = zip(found.effects, there.hypothesis.values, elsewhere.values, strict=True)
-    mixed = tuple(np.where([p.per_run for p in e.declared], placed, known) for e, placed, known in both)
-    covariance = there.covariance[np.ix_(times, times)]
-    placed_there = replace(there, hypothesis=replace(elsewhere, values=mixed), covariance=covariance)
-    if known is None:
-        return replace(placed_there, evidence=_log_evidence(data_set, there))
+    mixed = tuple(np.where([p.per_run for p in e.declared], placed, before) for e, placed, before in both)
+    covariance, elsewhere = there.covariance[np.ix_(times, times)], replace(elsewhere, values=mixed)
+    evidence = _log_evidence(data_set, there) if known is None else _given(known, fitted, data_set, elsewhere)
+    return replace(there, hypothesis=elsewhere, covariance=covariance, evidence=evidence)
+
+
+def _given(known: WhitenedDataSet, fitted: FittedHypothesis, data_set: WhitenedDataSet, elsewhere: Hypothesis) -> float:
+    """``ln p(fitted, held-out) - ln p(fitted)`` of a hypothesis: the runs that it was fitted to, and it in others."""
     runs = [replace(p, base=base_columns(known.dynamics, p.linearised)) for p in (*known.runs, *data_set.runs)]
     everywhere = WhitenedDataSet(known.dynamics, runs, known.coefficient_prior)
+    found = fitted.hypothesis
     whole = replace(
         found,
-        values=tuple(np.concatenate(both) for both in zip(found.values, mixed, strict=True)),
+        values=tuple(np.concatenate(both) for both in zip(found.values, elsewhere.values, strict=True)),
         campaigns=found.campaigns + elsewhere.campaigns,
     )
-    all_runs, fitted_runs = (
-        _log_evidence(runs, _improved(runs, h, fitted.best)) for runs, h in ((everywhere, whole), (known, found))
-    )
-    return replace(placed_there, evidence=all_runs - fitted_runs)
+    both = [_log_evidence(d, _improved(d, h, fitted.best)) for d, h in ((everywhere, whole), (known, found))]
+    return both[0] - both[1]
 
 
 def _improved(data_set: WhitenedDataSet, hypothesis: Hypothesis, best: tuple[int, int]) -> FittedHypothesis:

@@ -19,7 +19,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from manoeuvre_nn.diagnosis.decision import PRIOR_NONE, PRIOR_UNKNOWN, base_rate
+from manoeuvre_nn.diagnosis.decision import PRIOR_NONE, PRIOR_UNKNOWN, base_rate, effects_tried
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.diagnosis.unknown import random_force, receiver_wander
@@ -72,7 +72,7 @@ class _Accounts:
         Of calm water they are in any case, of the others at first the least alone, which the search has looked at.
         """
         self.tried, self.formula = tried, formula
-        effects = len({name for j in tried.fitted for name in j.names})
+        effects = len(effects_tried(tried))
         self.weighed = [(tried.none, PRIOR_NONE), *((j, base_rate(len(j.names), effects)) for j in tried.fitted)]
         self.prior = log_prior_levels(tried.likelihood.data_set, PROCESS_PRIOR)
         looked_at = {id(tried.none), *everywhere}
