@@ -71,3 +71,19 @@ def test_a_name_that_held_out_runs_favour_but_fails_the_proof_leaves_the_unknown
     monkeypatch.setattr(diagnose, "_proved", lambda q, tried, some, ship: (some[0] if proved else FORMULA, [], []))
     verdict, (chosen, _, _) = diagnose._decided(Mock(dynamics=CALM), SearchResult(none, [scale], Mock()))
     assert chosen is (scale if proved else FORMULA) and verdict.unknown == approx(unknown, abs=0.005)
+
+
+@pytest.mark.parametrize("there, named", [(-1.0, True), (-9.0, False)])
+def test_a_name_that_is_not_proved_is_left_open_unless_all_runs_together_make_calm_water_likelier(
+    monkeypatch, there, named
+):
+    scale, none = fitted(4.0, "log_scale"), fitted(0.0)
+    best = Decision(True, False, 0.1, 0.0, {"log_scale": 0.9}, scale, {}, claims=[scale])
+    monkeypatch.setattr(diagnose, "decide", lambda tried: best)
+    for check in ("right_ship_check", "calm_check"):
+        monkeypatch.setattr(diagnose, check, lambda *_: Check(RIGHT_SHIP, True, ""))
+    monkeypatch.setattr(diagnose, "_proved", lambda q, tried, some, ship: (none, [], []))
+    monkeypatch.setattr(diagnose, "at_rest", lambda data_set, j: (data_set, j))
+    monkeypatch.setattr(diagnose, "in_held_out_runs", lambda q, j, known: Mock(evidence=there if j.names else 0.0))
+    verdict, (chosen, _, _) = diagnose._decided(Mock(dynamics=CALM), SearchResult(none, [scale], Mock()))
+    assert chosen is none and verdict.named is named and (verdict.effects["log_scale"] < 0.5) is not named
