@@ -1,5 +1,6 @@
 """Forces that act for a while, and winds whose course is random."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -82,6 +83,20 @@ def test_gusts_are_found_with_their_size_and_a_steady_wind_gains_nothing_by_them
         else:
             value, error = found.random["gust_sd"]
             assert found.evidence > steady.evidence + 20 and abs(value - true) < 2 * error < 1.2
+
+
+@pytest.mark.parametrize("speed, from_deg", [(3.0, 240.0), (25.0, 150.0)])
+def test_the_mean_of_a_gusty_wind_is_found_though_the_steady_wind_was_taken_for_another(speed, from_deg):
+    """A fit that knows no gusts may rest where one of them blew longest."""
+    likelihood = MarginalLikelihood(gusty()[0])
+    steady = single(likelihood, SteadyWind(SHIP), likelihood.evaluate(NONE))
+    astray = values(SteadyWind(SHIP, speed=speed, from_deg=from_deg), 3)
+    wrong = replace(steady, hypothesis=replace(steady.hypothesis, values=(astray,)))
+    right, found = (fitted_gusts(likelihood, j, GustyWind(SHIP)) for j in (steady, wrong))
+    names = [p.name for p in found.hypothesis.effects[0].declared]
+    mean = dict(zip(names, found.hypothesis.values[0][0], strict=True))
+    assert found.evidence > right.evidence - 1
+    assert abs(mean["speed"] - 14.0) < 3.0 and abs(mean["from_deg"] - 60.0) < 15.0
 
 
 @pytest.mark.slow

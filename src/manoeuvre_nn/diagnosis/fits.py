@@ -79,6 +79,23 @@ def _starts(likelihood: MarginalLikelihood, effect: Effect, level: int, scatter:
     return [Hypothesis((effect,), (values,), campaigns=data_set.campaigns) for values in best]
 
 
+def sizes_of(effect: Effect) -> list[int]:
+    """Numbers of an effect's parameters that are neither of its form, nor a direction, a time or random."""
+    return [j for j, p in enumerate(effect.declared) if not (p.form or p.period or p.per_run or p.random)]
+
+
+def from_four_sides(alone: Hypothesis) -> list[Hypothesis]:
+    """An effect with a direction, alone, from four sides, its sizes at their first starts."""
+    (effect,), values = alone.effects, alone.values[0].copy()
+    direction, sizes = next(j for j, p in enumerate(effect.declared) if p.period), sizes_of(effect)
+    values[:, sizes] = [effect.declared[j].starts[0] for j in sizes]
+    sides = []
+    for angle in range(0, 360, 90):
+        values[:, direction] = angle
+        sides.append(replace(alone, values=(values.copy(),)))
+    return sides
+
+
 def refine(
     likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int, scatter: int, min_evidence: float = -inf
 ) -> FittedHypothesis:

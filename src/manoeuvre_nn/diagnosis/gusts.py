@@ -8,6 +8,7 @@ from jaxtyping import Float
 from scipy.special import logsumexp
 
 from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.diagnosis.fits import from_four_sides
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.effect_columns import contribution, hulls_beside
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
@@ -41,25 +42,42 @@ KNOTS = 3.0
 """Knots of their course in a correlation time."""
 MAX_PROCESS_BESIDE_GUSTS = 0.06
 """Process noise from which it would only compete with gusts, unless the model was fitted and may lack any force."""
-ROUNDS = 3
-"""Fits of the mean wind with gusts, which leave it less to explain than it had alone."""
+ROUNDS = 4
+"""Fits of the mean wind with gusts, at most: they leave it less to explain than it had alone."""
 
 
 def fitted_gusts(likelihood: MarginalLikelihood, steady: FittedHypothesis, gusty: Effect) -> FittedHypothesis:
-    """Fit a hypothesis with its steady wind replaced by a gusty one, at the most likely size of gusts."""
+    """Fit a hypothesis with its steady wind replaced by a gusty one, at the most likely size of gusts.
+
+    Args:
+        likelihood: Where.
+        steady: What was found with a steady wind. Gusts of a gale hide its mean from a fit that knows none: where the
+            wind is all there is, it is tried from four sides besides.
+        gusty: Prototype of the gusty wind.
+
+    Returns:
+        The fit, its evidence averaged over the sizes of gusts.
+    """
     ship = likelihood.data_set.dynamics.particulars
     wind, kinds = steady.names.index(gusty.variant_of), AT_SEA + ON_PONDS if ship.is_model else AT_SEA
     levels = [int(g) for g in np.flatnonzero(likelihood.data_set.levels.pairs.max(axis=1) < MAX_PROCESS_BESIDE_GUSTS)]
     if is_fitted(likelihood.data_set.dynamics):
         levels = likelihood.data_set.levels.around(steady.best[0])
-    best, found = -np.inf, []
-    for _ in range(ROUNDS if len(kinds) > len(AT_SEA) else 1):
-        tried, sizes = _tried(likelihood, steady.hypothesis, wind, kinds, levels)
-        top = max(tried, key=lambda j: j.evidence)
-        if top.evidence < best + 0.5:
+    sides = from_four_sides(steady.hypothesis) if len(steady.names) == 1 else []
+    starts = [steady.hypothesis, *(likelihood.improve(side, *steady.best, rounds=3)[0] for side in sides)]
+    found = max((_tried(likelihood, h, wind, kinds, levels) for h in starts), key=_most)
+    for _ in range(ROUNDS - 1):
+        mean = max(found, key=lambda pair: pair[0].evidence)[0].hypothesis
+        again = _tried(likelihood, mean, wind, kinds, levels)
+        if _most(again) < _most(found) + 0.5:
             break
-        best, found, steady = top.evidence, list(zip(tried, sizes, strict=True)), top
+        found = again
     return _chosen(found, wind, gusty)
+
+
+def _most(found: Sequence[tuple[FittedHypothesis, _Gusts]]) -> float:
+    """Log evidence at the most likely size of gusts."""
+    return max(j.evidence for j, _ in found)
 
 
 def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int) -> float:
@@ -84,8 +102,8 @@ def _without_gusts(
 
 def _tried(
     likelihood: MarginalLikelihood, hypothesis: Hypothesis, wind: int, kinds: Sequence[_Gusts], levels: Sequence[int]
-) -> tuple[list[FittedHypothesis], list[_Gusts]]:
-    """The hypothesis with gusts of every kind, and their sizes in m/s."""
+) -> list[tuple[FittedHypothesis, _Gusts]]:
+    """The hypothesis with gusts of every kind, their sizes in m/s."""
     declared = [p.name for p in hypothesis.effects[wind].declared]
     least = float(likelihood.data_set.dynamics.particulars.sized([1.0], [0.5])[0])
     mean = max(float(hypothesis.values[wind][0, declared.index("speed")]), least)
@@ -96,7 +114,7 @@ def _tried(
     for gram, norm in zip(grams, norms, strict=True):
         known = {g: likelihood.regress(gram[k], norm[k], hypothesis) for k, g in enumerate(levels)}
         tried.append(likelihood.over_levels(hypothesis, known, prior))
-    return tried, sizes
+    return list(zip(tried, sizes, strict=True))
 
 
 def _without_course(

@@ -9,7 +9,15 @@ from math import inf
 import numpy as np
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL, at_rest, fitted_at_rest, refine, single
+from manoeuvre_nn.diagnosis.fits import (
+    PUBLISHED_SD_LEVEL,
+    at_rest,
+    fitted_at_rest,
+    from_four_sides,
+    refine,
+    single,
+    sizes_of,
+)
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
 from manoeuvre_nn.diagnosis.windows import EventGrid
 from manoeuvre_nn.diagnosis.workers import shared_out
@@ -298,14 +306,11 @@ def _restarts(grid: EventGrid, first: FittedHypothesis, alone: Hypothesis) -> li
 def _elsewhere(alone: Hypothesis, anew: bool) -> Iterator[Hypothesis]:
     """An effect with a direction from four sides, its sizes at their starts; another, if asked for, from all starts."""
     (effect,), values = alone.effects, alone.values[0].copy()
-    directions = [j for j, p in enumerate(effect.declared) if p.period]
-    sizes = [j for j, p in enumerate(effect.declared) if not (p.form or p.period or p.per_run or p.random)]
-    starts = list(product(*(effect.declared[j].starts for j in sizes)))
-    values[:, sizes] = starts[0]
-    for angle in range(0, 360, 90) if directions else ():
-        values[:, directions[0]] = angle
-        yield replace(alone, values=(values.copy(),))
-    for start in starts if anew and not directions else ():
+    if any(p.period for p in effect.declared):
+        yield from from_four_sides(alone)
+        return
+    sizes = sizes_of(effect)
+    for start in product(*(effect.declared[j].starts for j in sizes)) if anew else ():
         values[:, sizes] = start
         yield replace(alone, values=(values.copy(),))
 
