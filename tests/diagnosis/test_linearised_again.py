@@ -28,7 +28,7 @@ from manoeuvre_nn.effect.loading import DisplacementChange
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.propulsion import HullFouling, PropellerPitchError
 from manoeuvre_nn.effect.rudder import RudderAreaLoss, RudderDelay, RudderOffset
-from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, RateBias
+from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, LogScale, RateBias
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation import noise_average, relinearise
 from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
@@ -175,8 +175,8 @@ def test_held_out_runs_judge_an_effect_about_its_own_states_and_on_the_corrected
 
 
 def test_a_hypothesis_that_would_need_another_ship_is_linearised_about_its_states_and_the_published_one():
-    """Calm water for a rate gyro that is off by far: no coefficients make a track of it."""
-    stood = whitened_data_set(CALM, runs([CIRCLE, PORT], [RateBias(SHIP, bias_deg_s=3.0)]))
+    """Calm water for a log that shows three times the speed: no coefficients make a track of it."""
+    stood = whitened_data_set(CALM, runs([CIRCLE, PORT], [LogScale(SHIP, factor=3.0)]))
     calm = MarginalLikelihood(stood).evaluate(NONE)
     assert np.abs(calm.corrections).max() > MAX_CORRECTION
     there = refined(stood, calm)

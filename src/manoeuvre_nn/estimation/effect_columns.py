@@ -83,8 +83,9 @@ def with_feedback(
     """A run whose transitions are those of the ship with the effects aboard: their forces, too, go with the states.
 
     With J the derivative of the rates that the effects add by the state, along the track, and A the transition in calm
-    water (``carried`` is ``(I + A)/2``), the whole is ``P = A + h (I + A)/2 (J_k + J_{k+1} P)/2``, the trapezoidal rule
-    of :func:`moved_by`. Blades and effects' own states stay as they are along the track.
+    water and C what it carries of a push (:attr:`.LinearisedRun.carried`), the whole is
+    ``P = A + h C (J_k + J_{k+1} P)/2``, by the mean of both ends as in :func:`moved_by`. Blades and effects' own states
+    stay as they are along the track.
 
     Args:
         linearised: The run about its track, in calm water.
@@ -289,8 +290,8 @@ def moved_by(
 ) -> Float[Tensor, "k steps s"]:
     """What rates and a stream add to the state within each step.
 
-    ``h (I + A) / 2`` times their mean (:attr:`.LinearisedRun.carried`), with A the derivative of the next state by the
-    present one: what is pushed early in a step has been damped, turned and carried on by its end.
+    h times their mean, carried to its end (:attr:`.LinearisedRun.carried`): what is pushed early in a step has been
+    damped, turned and carried on by then.
 
     Args:
         rates: udot, vdot [m/s^2], rdot [rad/s^2] and rates of the own states, of several columns.

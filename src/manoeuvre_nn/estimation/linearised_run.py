@@ -138,9 +138,16 @@ class LinearisedRun:
 
     @cached_property
     def carried(self) -> Float[Tensor, "steps k k"]:
-        """What is left at the end of a step of what moved the state at any time within it, on average."""
-        k = self.states.count
-        return torch.tensor(0.5 * (np.eye(k) + self.transition[:, :k, :k]))
+        """What is left at the end of a step of what moved the state at any time within it, on average.
+
+        ``1/h`` times the integral of ``exp(J s)`` from 0 to h. Of accelerations the transition has it, in the columns
+        of the process noise, which is one that lasts a step; of the other rates it is ``(I + A)/2``, which would turn a
+        ship that is pushed hard by 1 % more than she yaws.
+        """
+        states, k = self.states, self.states.count
+        kept = 0.5 * (np.eye(k) + self.transition[:, :k, :k])
+        kept[:, :, [states.moving.index(name) for name in states.driven]] = self.transition[:, :k, k:] / self.run.step
+        return torch.tensor(kept)
 
     @cached_property
     def situation(self) -> Situation:
