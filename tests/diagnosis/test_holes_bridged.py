@@ -46,6 +46,15 @@ def test_a_rudder_that_was_held_is_bridged_and_one_that_went_over_is_not_known(t
     assert "it counts as held, and the model bridges the hole" in told(runs["tc1"])[0]
 
 
+def test_a_rudder_that_is_not_known_counts_as_held_at_both_ends_for_what_a_late_record_tells(tmp_path):
+    """A line through a minute would lay a late record's rudder where it never was, seconds before the hole."""
+    run = next(r for r in case_of(tmp_path, cut_out).runs if r.meta["breaks"])
+    before, after = (np.median(run["delta"][part]) for part in (slice(97, 100), slice(161, 164)))
+    assert abs(after - before) > np.radians(10.0)
+    for part, angle in ((slice(100, 129), before), (slice(131, 160), after)):
+        assert np.abs(run["delta"][part] - angle).max() < np.radians(1.0)
+
+
 def test_an_order_that_was_written_down_tells_the_rudder(tmp_path):
     plain = case_of(tmp_path / "plain", lambda t: t)
     case = case_of(tmp_path / "holed", lambda t: emptied(t, ("t", "delta_order")))

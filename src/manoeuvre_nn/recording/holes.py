@@ -109,6 +109,11 @@ def with_rudder(run: Recording, ship: Particulars) -> Recording:
             held.append((begin, end))
         else:
             breaks.append((begin, end))
+            # A rudder rests longer than it moves. It matters where the record is late: then it tells of a time before.
+            if (begin, end) not in ends:
+                last, first = shown[time <= begin + 1e-9], shown[time >= end - 1e-9]
+                last, first = last[np.isfinite(last)][-1], first[np.isfinite(first)][0]
+                shown[lost] = np.where(time[lost] < 0.5 * (begin + end), last, first)
     good = np.isfinite(shown)
     delta = np.interp(run.time, run.time[good], shown[good])
     meta = {**run.meta, "held": tuple(held), "breaks": tuple(breaks)}
