@@ -166,6 +166,13 @@ def test_a_force_that_is_missing_throughout_or_nowhere_has_no_window(size, seed)
     assert changes(np.arange(400.0), noise(400, seed) + [0.0, size, 0.0], np.ones((400, 3))) == []
 
 
+@pytest.mark.parametrize("size, found", [(0.02, False), (2.0, True)])
+def test_exact_recordings_show_no_window_of_a_force_of_a_hundredth_of_its_standard_error(size, found):
+    force = 1e-4 * noise(400, 1)
+    force[100:200, 1] += size
+    assert bool(changes(np.arange(400.0), force, np.ones((400, 3)))) is found
+
+
 def test_short_runs_have_no_windows():
     force = noise(100)
     force[40:70] += 20.0

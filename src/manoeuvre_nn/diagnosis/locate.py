@@ -21,6 +21,9 @@ from manoeuvre_nn.recording.outliers import robust_sd
 
 BIN = 10.0
 """Length of the means in which windows are looked for [s]."""
+MIN_SCATTER = 0.1
+"""Least scatter of these means over a force's standard error: less is not that of noise, but of exact recordings, in
+which a force of a hundredth of its standard error would stand out."""
 MAX_PROCESS_NOISE = 0.5
 """Process noise that leaves the missing force to the data alone, over the resistance and 20 deg of rudder."""
 POSITION = slice(3, 5)
@@ -134,7 +137,7 @@ def changes(
         return []
     z = (force / np.maximum(error, 1e-12))[: count * width].reshape(count, width, 3).mean(axis=1)
     z = z - np.median(z, axis=0)
-    z = z / (np.apply_along_axis(robust_sd, 0, np.diff(z, axis=0)) / np.sqrt(2) + 1e-9)
+    z = z / np.maximum(np.apply_along_axis(robust_sd, 0, np.diff(z, axis=0)) / np.sqrt(2), MIN_SCATTER)
     edges = _level_pieces(z, 3, 12 * np.log(count))
     means = [np.abs(z[a:b].mean(axis=0)).max() for a, b in zip(edges, edges[1:], strict=False)]
     if len(means) == 1 or min(means) > 2.0:
