@@ -141,8 +141,8 @@ class LinearisedRun:
         """What is left at the end of a step of what moved the state at any time within it, on average.
 
         ``1/h`` times the integral of ``exp(J s)`` from 0 to h. Of accelerations the transition has it, in the columns
-        of the process noise, which is one that lasts a step; of the other rates it is ``(I + A)/2``, which would turn a
-        ship that is pushed hard by 1 % more than she yaws.
+        of the process noise, which is one that lasts a step; of the other rates it is ``(I + A)/2``, by which a ship
+        that is pushed hard would turn faster than she yaws.
         """
         states, k = self.states, self.states.count
         kept = 0.5 * (np.eye(k) + self.transition[:, :k, :k])
