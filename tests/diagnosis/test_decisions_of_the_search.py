@@ -32,7 +32,7 @@ EFFECTS = [Current(SHIP), SteadyWind(SHIP), LogScale(SHIP), GustyWind(SHIP)]
 
 def fit(evidence: float, *names: str) -> SimpleNamespace:
     """A fitted hypothesis of these effects."""
-    return SimpleNamespace(evidence=evidence, names=names, best=(4, 3), hypothesis=Hypothesis((), ()))
+    return SimpleNamespace(evidence=evidence, names=names, best=(4, 3), hypothesis=Hypothesis((), ()), random={})
 
 
 def searched(
@@ -313,7 +313,7 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(
         return [SimpleNamespace(rmse_before={"cost": 2.0}, rmse_after={"cost": after}, rmse_alone={"cost": alone})]
 
     for name, made in {
-        "prove": prove, "at_rest": lambda data_set, j: (data_set, j), "averaged": lambda data_set, j: j,
+        "prove": prove, "at_rest": lambda data_set, j, fit: (data_set, j), "averaged": lambda data_set, j: j,
         "replace": lambda j, **new: SimpleNamespace(**{**vars(j), **new}) if hasattr(j, "names") else replace(j, **new),
         "in_held_out_runs": lambda question, j, known: SimpleNamespace(
             hypothesis=acting, evidence=7.0 + gains.get(j.names, 0.0)

@@ -10,7 +10,8 @@ from pytest import approx
 from trials import CALM, CIRCLE, NOISE, PORT, SHIP, STEP, ZIGZAG, run_of, runs, sailed, values
 
 from manoeuvre_nn.diagnosis import event_blocks
-from manoeuvre_nn.diagnosis.fits import single
+from manoeuvre_nn.diagnosis.diagnose import _about_own_states
+from manoeuvre_nn.diagnosis.fits import at_rest, single
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
 from manoeuvre_nn.diagnosis.locate import Shape, changes, residuals
 from manoeuvre_nn.diagnosis.search import search
@@ -97,6 +98,18 @@ def test_the_mean_of_a_gusty_wind_is_found_though_the_steady_wind_was_taken_for_
     mean = dict(zip(names, found.hypothesis.values[0][0], strict=True))
     assert found.evidence > right.evidence - 1
     assert abs(mean["speed"] - 14.0) < 3.0 and abs(mean["from_deg"] - 60.0) < 15.0
+
+
+def test_about_its_own_states_a_gusty_wind_is_fitted_with_its_gusts():
+    """Without them they are a random force, beside which the mean is known four times worse, or is another one."""
+    likelihood = MarginalLikelihood(gusty()[0])
+    steady = single(likelihood, SteadyWind(SHIP), likelihood.evaluate(NONE))
+    found = fitted_gusts(likelihood, steady, GustyWind(SHIP))
+    _, there = _about_own_states(likelihood.data_set, found)
+    speed, direction = (there.hypothesis.vector()[k] for k in (0, 1))
+    assert abs(speed - 14.0) < 2 * there.errors[0] < 4.0 and abs(direction - 60.0) < 2 * there.errors[1] < 3.0
+    _, without = at_rest(likelihood.data_set, found)
+    assert without.errors[1] > 3 * there.errors[1] and there.best == found.best != without.best
 
 
 @pytest.mark.slow

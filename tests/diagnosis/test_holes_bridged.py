@@ -1,7 +1,11 @@
 """Minutes without a record are bridged by the model; where the rudder is not known either, a run is cut in two."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import torch
+from pytest import approx
 from sailed import sailed, write_runs
 
 from manoeuvre_nn.core.errors import InputError
@@ -11,7 +15,8 @@ from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.repair import recorded
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.effect.current import Current
-from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.effect.rudder import RudderDelay, RudderOffset
+from manoeuvre_nn.estimation.effect_columns import indicated
 from manoeuvre_nn.recording.holes import heading_across, told
 from manoeuvre_nn.ship.mariner import mariner_corrected
 
@@ -53,6 +58,23 @@ def test_a_rudder_that_is_not_known_counts_as_held_at_both_ends_for_what_a_late_
     assert abs(after - before) > np.radians(10.0)
     for part, angle in ((slice(100, 129), before), (slice(131, 160), after)):
         assert np.abs(run["delta"][part] - angle).max() < np.radians(1.0)
+
+
+@pytest.mark.parametrize("orders", [True, False])
+def test_what_a_late_record_would_tell_in_a_hole_is_known_from_the_orders_before_it(tmp_path, orders):
+    """A zigzag's rudder that is on its way when the hole begins; of a record that is 20 s late."""
+    run = next(r for r in case_of(tmp_path, cut_out).runs if r.meta["breaks"])
+    late, time = RudderDelay(SHIP, delay_s=20.0), run.time
+    over = np.where(time < 85.0, 0.2, -0.2)
+    channels = {k: c for k, c in run.channels.items() if k != "delta_order"} | ({"delta_order": over} if orders else {})
+    ordered = replace(run, channels=channels)
+    shown = indicated(late, ordered, torch.tensor(run["delta"])[None])[0].numpy()
+    told, asked = run["delta"][np.minimum(np.arange(len(time)) + 20, len(time) - 1)], time + 20.0
+    known = ((asked <= 99.0) | (asked >= 161.0)) & (asked <= time[-1])
+    assert shown[known] == approx(told[known], abs=1e-6)
+    before = (time > 81.0) & (time < 99.0)
+    followed = ordered.ordered_rudder(SHIP.particulars.rudder_rate) if orders else told
+    assert shown[before] == approx(followed[before], abs=1e-6) and np.ptp(shown[before]) > (0.3 if orders else -1.0)
 
 
 def test_an_order_that_was_written_down_tells_the_rudder(tmp_path):

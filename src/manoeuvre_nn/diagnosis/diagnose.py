@@ -18,8 +18,9 @@ from manoeuvre_nn.diagnosis.decision import (
     likelier_than_calm_water,
     settled,
 )
-from manoeuvre_nn.diagnosis.fits import at_rest
+from manoeuvre_nn.diagnosis.fits import at_rest, refine
 from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
+from manoeuvre_nn.diagnosis.gusts import refined_with_gusts
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
 from manoeuvre_nn.diagnosis.nature import nature_of
 from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS, calm_check, repaired_check, still_missing
@@ -245,7 +246,7 @@ def _put_to_proof(
     """One claim, against calm water's predictions, their error, and its log evidence in the held-out runs."""
     (proofs, before, calm), data_set = calm_water, tried.likelihood.data_set
     known, j = _about_own_states(data_set, claim)
-    j = j if j is claim else averaged(known, j)
+    j = averaged(known, j)
     there = in_held_out_runs(question, j, known)
     made = prove(question, j, there.hypothesis, proofs)
     # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.
@@ -303,20 +304,9 @@ def _last_effect_helps(
 
 
 def _about_own_states(data_set: WhitenedDataSet, claim: FittedHypothesis) -> tuple[WhitenedDataSet, FittedHypothesis]:
-    """A claim about its own states; with gusts across the wind as it is.
-
-    Strong gusts explain what a fit without them would lay on the mean wind.
-
-    Returns:
-        The runs about its states, and the claim there.
-    """
-    turns = any(
-        values[0, k] != 0
-        for effect, values in zip(claim.hypothesis.effects, claim.hypothesis.values, strict=True)
-        for k, p in enumerate(effect.declared)
-        if p.name in effect.random[2:]
-    )
-    return (data_set, claim) if turns else at_rest(data_set, claim)
+    """The runs about a claim's own states, and the claim there, the course of gusts integrated out."""
+    # Strong gusts explain what a fit without them would lay on the mean wind, or on what acts beside it.
+    return at_rest(data_set, claim, refined_with_gusts if claim.random else refine)
 
 
 def _with_network(question: Question, tried: SearchResult, proved: Proved, progress: Progress) -> Proved:

@@ -1,5 +1,6 @@
 """Fits of one hypothesis: from several starts, at the noise that it leaves, about the states that it implies."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import product
 from math import inf
@@ -23,6 +24,8 @@ WORSE = 1.0
 """Log density by which the mean over all levels of noise may be less likely than the values that were fitted."""
 PUBLISHED_SD_LEVEL = 2
 """Level of the coefficients' standard deviation that published sets have, 3 %."""
+Fit = Callable[[MarginalLikelihood, Hypothesis, int, int], FittedHypothesis]
+"""Likelihood, hypothesis at values nearby, levels of the process noise and of the coefficients -> the fit."""
 
 
 def single(likelihood: MarginalLikelihood, effect: Effect, none: FittedHypothesis) -> FittedHypothesis:
@@ -134,34 +137,57 @@ def refine(
     return fitted
 
 
+def exchanged(likelihood: MarginalLikelihood, best: FittedHypothesis, number: int, other: Effect) -> FittedHypothesis:
+    """A hypothesis with one effect in another form, from the values that both have and each start of the rest."""
+    h = best.hypothesis
+    known = {p.name: h.values[number][:, j] for j, p in enumerate(h.effects[number].declared)}
+    tried = []
+    for start in product(*[(0.0,) if p.name in known else p.starts for p in other.declared]):
+        columns = [
+            known.get(p.name, np.full(len(h.values[number]), s)) for p, s in zip(other.declared, start, strict=True)
+        ]
+        effects, values = list(h.effects), list(h.values)
+        effects[number], values[number] = other, np.stack(columns, axis=1)
+        started = replace(h, effects=tuple(effects), values=tuple(values))
+        tried.append(likelihood.improve(started, *best.best, rounds=3))
+    return refine(likelihood, max(tried, key=lambda found: found[1])[0], *best.best)
+
+
 def _unplaced(hypothesis: Hypothesis) -> bool:
     """Whether an event acts in no run."""
     each = zip(hypothesis.values, hypothesis.effects, strict=True)
     return any(effect.timed and not np.isfinite(values[:, effect.timed]).any() for values, effect in each)
 
 
-def at_rest(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> tuple[WhitenedDataSet, FittedHypothesis]:
+def at_rest(
+    data_set: WhitenedDataSet, fitted: FittedHypothesis, fit: Fit = refine
+) -> tuple[WhitenedDataSet, FittedHypothesis]:
     """A hypothesis about its own states, linearised until they rest.
 
     Where a ship is unstable on course, corrected coefficients and the states by them may drive each other away from
     what was recorded, or the first states have them mend what is no fault of theirs, so that they are another ship's;
     then the states are sought by the published ones.
 
+    Args:
+        data_set: The runs about other states.
+        fitted: What was found there.
+        fit: How it is fitted about new states.
+
     Returns:
         The runs about its states, and the hypothesis fitted to them.
     """
     start = beside(MarginalLikelihood(data_set), fitted.hypothesis).data_set
-    there, found, moved = _passes(start, fitted)
+    there, found, moved = _passes(start, fitted, fit)
     driven_away = moved[-1] > min(moved) and found.evidence < fitted.evidence
     if moved[-1] > STATES_AT_REST and (driven_away or found.best[1] >= USUAL_LEVELS):
-        published, other, less = _passes(start, fitted, corrected=False)
+        published, other, less = _passes(start, fitted, fit, corrected=False)
         if less[-1] < moved[-1] and other.evidence > found.evidence:
             there, found = published, other
     return there, replace(found, random=fitted.random)
 
 
 def _passes(
-    data_set: WhitenedDataSet, fitted: FittedHypothesis, corrected: bool = True
+    data_set: WhitenedDataSet, fitted: FittedHypothesis, fit: Fit, corrected: bool = True
 ) -> tuple[WhitenedDataSet, FittedHypothesis, list[float]]:
     """Linearise about the states by corrected or published coefficients until they rest.
 
@@ -174,7 +200,7 @@ def _passes(
         moved.append(change_of_states(data_set, there, fitted.best[0]))
         if moved[-1] < STATES_AT_REST:
             break
-        data_set, fitted = there, refine(MarginalLikelihood(there), fitted.hypothesis, *fitted.best)
+        data_set, fitted = there, fit(MarginalLikelihood(there), fitted.hypothesis, *fitted.best)
     return data_set, fitted, moved
 
 

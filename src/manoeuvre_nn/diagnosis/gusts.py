@@ -17,6 +17,7 @@ from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
 from manoeuvre_nn.estimation.posterior import Posterior
 from manoeuvre_nn.estimation.process_noise import markov_course, without_course
+from manoeuvre_nn.estimation.relinearise import beside
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,34 @@ def fitted_gusts(likelihood: MarginalLikelihood, steady: FittedHypothesis, gusty
 def _most(found: Sequence[tuple[FittedHypothesis, _Gusts]]) -> float:
     """Log evidence at the most likely size of gusts."""
     return max(j.evidence for j, _ in found)
+
+
+def refined_with_gusts(
+    likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int, _: int = 0
+) -> FittedHypothesis:
+    """Fit a hypothesis with a gusty wind from values nearby, the course of its gusts integrated out at their size.
+
+    Args:
+        likelihood: Where.
+        hypothesis: At values nearby.
+        level: Level of the process noise beside the gusts.
+
+    Returns:
+        What came out.
+    """
+    levels, prior = likelihood.data_set.levels.around(level), log_prior_levels(likelihood.data_set, PROCESS_PRIOR)
+
+    def step(h: Hypothesis) -> FittedHypothesis:
+        there = beside(likelihood, h)
+        return there.over_levels(h, _without_gusts(there, h, levels), prior)
+
+    found = step(hypothesis)
+    for _ in range(ROUNDS - 1):
+        again = step(found.hypothesis)
+        if again.evidence < found.evidence + 0.5:
+            break
+        found = again
+    return found
 
 
 def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int) -> float:

@@ -6,12 +6,11 @@ from functools import partial
 from itertools import product
 from math import inf
 
-import numpy as np
-
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.fits import (
     PUBLISHED_SD_LEVEL,
     at_rest,
+    exchanged,
     fitted_at_rest,
     from_four_sides,
     refine,
@@ -157,7 +156,9 @@ def _varied(
         # Alone too: beside a steady wind gusts are taken for another effect. On ponds the mean may not show at all.
         on_pond = so_far.likelihood.data_set.dynamics.particulars.is_model
         likely = [j for j in so_far.fitted if j.names == (steady,) and (on_pond or j.evidence > so_far.none.evidence)]
-        asked = leading[:3] + [j for j in likely if j not in leading[:3]]
+        # Where gusts are strong, they are taken for others before they are taken for the mean wind.
+        beside = [j for j in so_far.fitted if variant.random and steady in j.names and len(j.names) > 1][:1]
+        asked = leading[:3] + [j for j in (*likely, *beside) if j not in leading[:3]]
         fit = fitted_gusts if variant.random else _with_variant
         made = shared_out([partial(fit, so_far.likelihood, j, variant) for j in asked], workers)
         for j, found in zip(asked, made, strict=True):
@@ -169,7 +170,7 @@ def _varied(
 
 def _with_variant(likelihood: MarginalLikelihood, steady: FittedHypothesis, variant: Effect) -> FittedHypothesis:
     """A hypothesis with one effect as it changes in time."""
-    return _exchanged(likelihood, steady, steady.names.index(variant.variant_of), variant)
+    return exchanged(likelihood, steady, steady.names.index(variant.variant_of), variant)
 
 
 def _about_calm_water(
@@ -334,7 +335,7 @@ def _with_other_forms(
         beside_it = {e.exclusive for e in present if e is not effect and e.exclusive}
         for other in effects:
             if effect.timed and other.timed and other.name not in best.names and other.exclusive not in beside_it:
-                more.append(partial(_exchanged, likelihood, best, k, other))
+                more.append(partial(exchanged, likelihood, best, k, other))
     return _best_of_each([*fitted, *shared_out(more, workers)])
 
 
@@ -360,22 +361,6 @@ def _best_of_each(fitted: Sequence[FittedHypothesis]) -> list[FittedHypothesis]:
     for j in sorted(fitted, key=lambda j: -j.evidence):
         of_each.setdefault(frozenset(j.names), j)
     return list(of_each.values())
-
-
-def _exchanged(likelihood: MarginalLikelihood, best: FittedHypothesis, number: int, other: Effect) -> FittedHypothesis:
-    """A hypothesis with one effect in another form, from the values that both have and each start of the rest."""
-    h = best.hypothesis
-    known = {p.name: h.values[number][:, j] for j, p in enumerate(h.effects[number].declared)}
-    tried = []
-    for start in product(*[(0.0,) if p.name in known else p.starts for p in other.declared]):
-        columns = [
-            known.get(p.name, np.full(len(h.values[number]), s)) for p, s in zip(other.declared, start, strict=True)
-        ]
-        effects, values = list(h.effects), list(h.values)
-        effects[number], values[number] = other, np.stack(columns, axis=1)
-        started = replace(h, effects=tuple(effects), values=tuple(values))
-        tried.append(likelihood.improve(started, *best.best, rounds=3))
-    return refine(likelihood, max(tried, key=lambda found: found[1])[0], *best.best)
 
 
 def _same_thing(first: FittedHypothesis, second: FittedHypothesis) -> bool:

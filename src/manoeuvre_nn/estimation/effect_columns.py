@@ -178,9 +178,21 @@ def behind_record(
 
 
 def indicated(acting: Effect, run: Recording, recorded: Float[Tensor, "rows n"]) -> Float[Tensor, "rows n"]:
-    """What the indicator showed during a run behind a recorded angle [rad] (:meth:`.Effect.indicated`)."""
-    ordered = run.ordered_rudder(acting.ship.particulars.rudder_rate)
-    return acting.indicated(recorded, None if ordered is None else torch.tensor(ordered), torch.tensor(run.time))
+    """What the indicator showed during a run behind a recorded angle [rad] (:meth:`.Effect.indicated`).
+
+    Returns:
+        Angles [rad]. A late record would have told in a hole of a time before it: there they are those of the orders.
+    """
+    given, time = run.ordered_rudder(acting.ship.particulars.rudder_rate), torch.tensor(run.time)
+    ordered = None if given is None else torch.tensor(given)
+    shown, breaks = acting.indicated(recorded, ordered, time), run.meta.get("breaks", ())
+    if ordered is None or not breaks:
+        return shown
+    told_at = acting.indicated(time.expand_as(recorded), None, time)
+    lost = sum(
+        ((told_at > begin) & (told_at < end) for begin, end in breaks), torch.zeros_like(shown, dtype=torch.bool)
+    )
+    return torch.where(lost & ordered.isfinite(), ordered, shown)
 
 
 def blade_along(acting: Effect, run: Recording, shown: Float[Tensor, "rows n"]) -> Float[Tensor, "rows n"]:
