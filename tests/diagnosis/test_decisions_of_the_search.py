@@ -17,7 +17,7 @@ from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL, single
 from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.diagnosis.search import search
-from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.current import Current, TidalCurrent
 from manoeuvre_nn.effect.depth import ShallowWater
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.rudder import RudderBacklash
@@ -171,6 +171,18 @@ def test_where_calm_water_is_far_off_effects_are_fitted_about_both_states_and_we
     assert (about[0].names, about[0].evidence) == ((("log_scale",), 70.0) if fits_made > 1 else (("current",), 20.0))
 
 
+@pytest.mark.parametrize("evidence, tried", [(1.0, True), (-1.0, False)])
+def test_gusts_are_tried_beside_the_best_pair_with_a_steady_wind_however_many_others_are_ahead(
+    monkeypatch, evidence, tried
+):
+    """Strong gusts are taken for others before they are taken for the mean wind."""
+    ahead = [fit(50.0 + k, "current", name) for k, name in enumerate(("log_scale", "heading_bias", "rate_bias"))]
+    ahead += [fit(40.0 + k, "log_scale", name) for k, name in enumerate(("heading_bias", "rate_bias"))]
+    pair = fit(evidence, "current", "wind_steady")
+    _, windy, _ = searched(monkeypatch, {"current": 20.0}, [*ahead, pair, fit(-2.0, "log_scale", "wind_steady")])
+    assert windy == ([pair.names] if tried else [])
+
+
 @pytest.mark.parametrize("second, kept", [(5.8, []), (6.2, [("current", "log_scale")])])
 def test_a_pair_is_built_upon_that_adds_six(monkeypatch, second, kept):
     _, _, leading = searched(monkeypatch, {"current": 40.0}, [fit(40.0 + second, "current", "log_scale")])
@@ -232,6 +244,17 @@ def test_an_event_without_a_time_is_looked_for_at_the_noise_that_was_asked_for(m
     monkeypatch.setattr(fits, "replaced", lambda there, h, *at: looked.append(at) or h)
     fits.refine(there, hypothesis, 2, 1)
     assert looked == [noise]
+
+
+@pytest.mark.parametrize("more, told", [(2.9, []), (3.1, [("tidal_current",)])])
+def test_a_current_that_changes_is_told_where_it_is_twenty_times_as_likely_as_a_steady_one(monkeypatch, more, told):
+    monkeypatch.setattr(under_test, "_with_variant", lambda likelihood, j, variant: fit(20.0 + more, variant.name))
+    sea = SimpleNamespace(particulars=SimpleNamespace(is_model=False))
+    so_far = SimpleNamespace(
+        none=fit(0.0), fitted=[fit(20.0, "current")], likelihood=SimpleNamespace(data_set=SimpleNamespace(dynamics=sea))
+    )
+    found = under_test._varied(so_far, [TidalCurrent(SHIP)], lambda _: None, 1)
+    assert [j.names for j in found] == told
 
 
 def test_gusts_are_tried_for_a_wind_alone_behind_any_number_of_pairs(monkeypatch):

@@ -157,7 +157,8 @@ def _varied(
         on_pond = so_far.likelihood.data_set.dynamics.particulars.is_model
         likely = [j for j in so_far.fitted if j.names == (steady,) and (on_pond or j.evidence > so_far.none.evidence)]
         # Where gusts are strong, they are taken for others before they are taken for the mean wind.
-        beside = [j for j in so_far.fitted if variant.random and steady in j.names and len(j.names) > 1][:1]
+        pairs = [j for j in so_far.fitted if steady in j.names and len(j.names) == 2]
+        beside = [j for j in pairs[:1] if variant.random and j.evidence > so_far.none.evidence]
         asked = leading[:3] + [j for j in (*likely, *beside) if j not in leading[:3]]
         fit = fitted_gusts if variant.random else _with_variant
         made = shared_out([partial(fit, so_far.likelihood, j, variant) for j in asked], workers)
