@@ -10,9 +10,8 @@ import torch
 from fleet import unchecked
 from pytest import approx
 from scipy.integrate import solve_ivp
-from scipy.linalg import expm, logm
 from tiers import mainly
-from trials import CALM, CIRCLE, NOISE, SHIP, STEP, TIMED, ZIGZAG, about, run_of, sailed, states_of, values
+from trials import CALM, NOISE, SHIP, TIMED, ZIGZAG, about, run_of, sailed, states_of, values
 
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.effect import Effect
@@ -113,28 +112,6 @@ def test_an_effect_moves_the_ship_as_calm_water_lacks_along_its_true_track(name)
     off = np.abs(c.moved[..., 0] - missing) / (np.abs(missing).max(axis=0) + STATES)
     # A rudder that comes to rest between two samples is not linear between them. Positions see it later.
     assert np.quantile(off[:, :3], 0.9, axis=0).max() < 0.01 and off.max() < 0.1
-
-
-@pytest.mark.parametrize("force", [60.0, 600.0])
-def test_a_ship_that_is_pushed_hard_turns_by_as_much_as_she_yaws(force):
-    """Over minutes a heading that is off by a thousandth of a degree a second looks like a bias of the rate gyro."""
-    pushed = PropellerSideForce(SHIP, force_kN=force)
-    (record,) = sailed([CIRCLE], [pushed], STEP)
-    line = about(run_of(record), states_of(record))
-    left = (added(pushed, line).moved[..., 0] + line.defect)[:, 5] / STEP
-    assert abs(left.mean()) / DEGREE < 2e-4  # deg/s; (I + A)/2 for what a step carries is off by 3.3e-4 and 2.5e-3
-
-
-def test_a_step_carries_a_push_as_the_matrix_exponential_does():
-    """``int_0^h exp(J s) ds / h``, J from the logarithm of the step's transition."""
-    h, k = STEP, 6
-    line = about(run_of(sailed([CIRCLE], (), STEP)[0]), states_of(sailed([CIRCLE], (), STEP)[0]))
-    for a, carried in zip(line.transition[::30, :k, :k], line.carried[::30].numpy(), strict=True):
-        j = logm(a) / h
-        whole = expm(h * np.block([[j, np.eye(k)], [np.zeros((k, 2 * k))]]))[:k, k:] / h
-        rows = [0, 1, 2, 5]  # how the track turns within the step, a constant J does not have
-        usual = line.states.unit[:3] / line.states.unit[rows, None]
-        assert usual * carried[rows, :3] == approx(usual * whole[rows, :3], rel=1e-3, abs=5e-4)
 
 
 @pytest.mark.parametrize("fault", [RudderAreaLoss(SHIP, fraction=0.3), RudderBacklash(SHIP, width_deg=6.0)])

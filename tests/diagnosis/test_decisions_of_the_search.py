@@ -17,7 +17,7 @@ from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL, single
 from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.diagnosis.search import search
-from manoeuvre_nn.effect.current import Current, TidalCurrent
+from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.depth import ShallowWater
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.rudder import RudderBacklash
@@ -210,23 +210,6 @@ def test_a_fit_goes_on_as_long_as_it_gains_a_tenth_and_is_worth_it(monkeypatch, 
     assert len([r for r in rounds if r != 1]) == count, "single rounds only look"
 
 
-@pytest.mark.parametrize("moved, kept", [(-0.9, 0.1), (-1.1, 30.0)])
-def test_a_value_of_which_nothing_is_recorded_stays_where_it_was_fitted(monkeypatch, moved, kept):
-    """A play of 30 deg holds the blade, like any larger one: its mean over all levels is that of the prior."""
-    effect = RudderBacklash(SHIP)
-    fitted, mean = (Hypothesis((effect,), (np.array([[width]]),)) for width in (30.0, 0.1))
-    there = SimpleNamespace(
-        improve=lambda h, level, scatter, rounds=5: (h, moved * (h.values[0][0, 0] == 0.1)),
-        evaluate=lambda h, around: FittedHypothesis(
-            mean, 12.0 if h is fitted else 1.0, np.zeros((1, 1)), np.zeros((0, 0)), best=(1, 1)
-        ),
-    )
-    monkeypatch.setattr(fits, "beside", lambda likelihood, hypothesis: there)
-    monkeypatch.setattr(fits, "replaced", lambda there, hypothesis, level, scatter: hypothesis)
-    found = fits.refine(there, fitted, 1, 1)
-    assert found.evidence == 12.0 and found.hypothesis.values[0][0, 0] == kept
-
-
 @pytest.mark.parametrize("start, noise", [(np.inf, (2, 1)), (100.0, (7, 5))])
 def test_an_event_without_a_time_is_looked_for_at_the_noise_that_was_asked_for(monkeypatch, start, noise):
     """Without it coefficients that are off by far explain the runs, and then nothing asks for it."""
@@ -244,17 +227,6 @@ def test_an_event_without_a_time_is_looked_for_at_the_noise_that_was_asked_for(m
     monkeypatch.setattr(fits, "replaced", lambda there, h, *at: looked.append(at) or h)
     fits.refine(there, hypothesis, 2, 1)
     assert looked == [noise]
-
-
-@pytest.mark.parametrize("more, told", [(2.9, []), (3.1, [("tidal_current",)])])
-def test_a_current_that_changes_is_told_where_it_is_twenty_times_as_likely_as_a_steady_one(monkeypatch, more, told):
-    monkeypatch.setattr(under_test, "_with_variant", lambda likelihood, j, variant: fit(20.0 + more, variant.name))
-    sea = SimpleNamespace(particulars=SimpleNamespace(is_model=False))
-    so_far = SimpleNamespace(
-        none=fit(0.0), fitted=[fit(20.0, "current")], likelihood=SimpleNamespace(data_set=SimpleNamespace(dynamics=sea))
-    )
-    found = under_test._varied(so_far, [TidalCurrent(SHIP)], lambda _: None, 1)
-    assert [j.names for j in found] == told
 
 
 def test_gusts_are_tried_for_a_wind_alone_behind_any_number_of_pairs(monkeypatch):

@@ -81,10 +81,11 @@ def test_where_corrected_coefficients_drive_states_away_those_of_published_ones_
     monkeypatch.setattr(fits, "beside", lambda likelihood, h: likelihood)
     monkeypatch.setattr(fits, "refined", moved)
     monkeypatch.setattr(fits, "change_of_states", change)
-    monkeypatch.setattr(
-        fits, "refine", lambda there, h, *at: replace(NOTHING, evidence=evidence[there.data_set.by], best=(0, scatter))
-    )
-    there, found = at_rest(SimpleNamespace(by="start"), NOTHING)
+
+    def fit(there, h, *at):
+        return replace(NOTHING, evidence=evidence[there.data_set.by], best=(0, scatter))
+
+    there, found = at_rest(SimpleNamespace(by="start"), NOTHING, fit)
     assert (there.by, found.evidence) == (kept, evidence[kept])
 
 

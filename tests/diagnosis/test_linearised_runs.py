@@ -7,15 +7,18 @@ import pytest
 import torch
 from fleet import unchecked
 from pytest import approx
+from scipy.linalg import expm, logm
 from tiers import mainly
-from trials import CALM, NOISE, SHIP, TIMED, about, run_of, sailed, states_of, tensor
+from trials import CALM, CIRCLE, NOISE, SHIP, STEP, TIMED, about, run_of, sailed, states_of, tensor, values
 
 from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.base import calm_accelerations
 from manoeuvre_nn.dynamics.vessel import Vessel
-from manoeuvre_nn.effect.propulsion import PowerLimit
+from manoeuvre_nn.effect.propulsion import PowerLimit, PropellerSideForce
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
+from manoeuvre_nn.estimation.effect_columns import contribution
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun, joined
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, integrated, run_equations, shown
 from manoeuvre_nn.estimation.posterior import posterior
@@ -309,3 +312,27 @@ def test_a_run_can_be_cut_and_samples_marked():
     marked = without_samples(run, bad)
     assert np.isnan(measured(marked)[3, 2])
     assert np.isnan(measured(marked)).sum() - np.isnan(measured(run)).sum() == int(np.isfinite(measured(run)[3, 2]))
+
+
+@pytest.mark.parametrize("force", [60.0, 600.0])
+def test_a_ship_that_is_pushed_hard_turns_by_as_much_as_she_yaws(force):
+    """Over minutes a heading that is off by a thousandth of a degree a second looks like a bias of the rate gyro."""
+    pushed = PropellerSideForce(SHIP, force_kN=force)
+    (record,) = sailed([CIRCLE], [pushed], STEP)
+    line = about(run_of(record), states_of(record))
+    with unchecked():
+        added = contribution(pushed, values(pushed), line)
+    left = (added.moved[..., 0] + line.defect)[:, 5] / STEP
+    assert abs(left.mean()) / DEGREE < 2e-4  # deg/s; (I + A)/2 for what a step carries is off by 3.3e-4 and 2.5e-3
+
+
+def test_a_step_carries_a_push_as_the_matrix_exponential_does():
+    """``int_0^h exp(J s) ds / h``, J from the logarithm of the step's transition."""
+    h, k = STEP, 6
+    line = about(run_of(sailed([CIRCLE], (), STEP)[0]), states_of(sailed([CIRCLE], (), STEP)[0]))
+    for a, carried in zip(line.transition[::30, :k, :k], line.carried[::30].numpy(), strict=True):
+        j = logm(a) / h
+        whole = expm(h * np.block([[j, np.eye(k)], [np.zeros((k, 2 * k))]]))[:k, k:] / h
+        rows = [0, 1, 2, 5]  # how the track turns within the step, a constant J does not have
+        usual = line.states.unit[:3] / line.states.unit[rows, None]
+        assert usual * carried[rows, :3] == approx(usual * whole[rows, :3], rel=1e-3, abs=5e-4)

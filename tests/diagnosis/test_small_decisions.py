@@ -1,5 +1,6 @@
 """Small decisions of the diagnosis, each by itself: orders of channels and runs, what is left out and what is told."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from unittest.mock import Mock
 
@@ -14,13 +15,16 @@ from trials import CIRCLE, SHIP, run_of, sailed
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis import advise, case, forecast, formula, predictive, proof, windows
+from manoeuvre_nn.diagnosis import advise, case, fits, forecast, formula, predictive, proof, windows
 from manoeuvre_nn.diagnosis import diagnose as diagnosing
+from manoeuvre_nn.diagnosis import search as searching
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.replay import integrate
+from manoeuvre_nn.effect.current import TidalCurrent
 from manoeuvre_nn.effect.formula import library, mark_of
+from manoeuvre_nn.effect.rudder import RudderBacklash
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
-from manoeuvre_nn.estimation.hypothesis import NUMBER_OF_INTERVALS
+from manoeuvre_nn.estimation.hypothesis import NUMBER_OF_INTERVALS, FittedHypothesis, Hypothesis
 from manoeuvre_nn.ship.container import container
 from manoeuvre_nn.ship.mariner import mariner
 
@@ -218,3 +222,30 @@ def test_a_run_of_a_minute_can_be_held_out_with_a_warm_up_of_forty_seconds(ends,
     else:
         with pytest.raises(InputError, match="zigzag ends after 59 s: too short to be held out"):
             case._check_split([run], {"zigzag": True, "circle": False}, 40.0)
+
+
+@pytest.mark.parametrize("more, told", [(2.9, []), (3.1, [("tidal_current",)])])
+def test_a_current_that_changes_is_told_where_it_is_twenty_times_as_likely_as_a_steady_one(monkeypatch, more, told):
+    changing = SimpleNamespace(names=("tidal_current",), evidence=20.0 + more)
+    monkeypatch.setattr(searching, "_with_variant", lambda likelihood, j, variant: changing)
+    sea = SimpleNamespace(dynamics=SimpleNamespace(particulars=SimpleNamespace(is_model=False)))
+    tried = found(fitted(20.0, "current"))
+    tried = replace(tried, likelihood=SimpleNamespace(data_set=sea))
+    assert [j.names for j in searching._varied(tried, [TidalCurrent(SHIP)], lambda _: None, 1)] == told
+
+
+@pytest.mark.parametrize("moved, kept", [(-0.9, 0.1), (-1.1, 30.0)])
+def test_a_value_of_which_nothing_is_recorded_stays_where_it_was_fitted(monkeypatch, moved, kept):
+    """A play of 30 deg holds the blade, like any larger one: its mean over all levels is that of the prior."""
+    effect = RudderBacklash(SHIP)
+    fitted, mean = (Hypothesis((effect,), (np.array([[width]]),)) for width in (30.0, 0.1))
+    there = SimpleNamespace(
+        improve=lambda h, level, scatter, rounds=5: (h, moved * (h.values[0][0, 0] == 0.1)),
+        evaluate=lambda h, around: FittedHypothesis(
+            mean, 12.0 if h is fitted else 1.0, np.zeros((1, 1)), np.zeros((0, 0)), best=(1, 1)
+        ),
+    )
+    monkeypatch.setattr(fits, "beside", lambda likelihood, hypothesis: there)
+    monkeypatch.setattr(fits, "replaced", lambda there, hypothesis, level, scatter: hypothesis)
+    found = fits.refine(there, fitted, 1, 1)
+    assert found.evidence == 12.0 and found.hypothesis.values[0][0, 0] == kept
