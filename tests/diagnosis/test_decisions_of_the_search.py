@@ -386,9 +386,14 @@ def test_where_free_runs_stray_what_is_likeliest_and_sails_is_named(monkeypatch,
     assert ("would be enough" in checks[0].text) == named and not checks[1].passed
 
 
-@pytest.mark.parametrize("formula, chosen", [(20.0, "formula"), (-20.0, "side_force")])
-def test_events_that_do_not_sail_stand_again_where_nothing_else_passes(monkeypatch, formula, chosen):
+@pytest.mark.parametrize(
+    "formula, error, chosen", [(20.0, 1.4, "formula"), (20.0, 1.6, "side_force"), (-20.0, 1.4, "side_force")]
+)
+def test_events_that_do_not_sail_stand_again_where_nothing_else_passes_or_is_nearer(
+    monkeypatch, formula, error, chosen
+):
     claims, said = [fit(120.0, "side_force"), fit(115.0, "formula")], {("side_force",): checking.ANY_FORCE}
     monkeypatch.setattr(proving.checking, "only_nearest", lambda j, checks: said.get(j.names, ""))
-    found, _, checks = proved(monkeypatch, claims, {("side_force",): 30.0, ("formula",): formula}, {})
+    errors = {("side_force",): (1.5, 1.5), ("formula",): (error, error)}
+    found, _, checks = proved(monkeypatch, claims, {("side_force",): 30.0, ("formula",): formula}, errors)
     assert found.names == (chosen,) and checks[0].passed == (chosen == "side_force")

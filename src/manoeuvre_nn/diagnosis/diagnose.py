@@ -187,10 +187,13 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         sailed = [repaired_check(question, tried, best.fitted, best.there)] if question.case.held_out else []
         of_best = [*sailed, *checking.checks(tried, best.fitted)]
         why = checking.only_nearest(best.fitted, [*of_best, *before_it])
+        passed = best.fitted, best.proofs, [*(t.check for t in known.values()), *of_best]
+        if not why and second_best and _after(question, second_best[1]) < _after(question, best.proofs):
+            break  # events that do not sail held-out runs are nearer to these than what would take their place
         if not why:
-            return best.fitted, best.proofs, [*(t.check for t in known.values()), *of_best]
+            return passed
         if why == checking.ANY_FORCE and second_best is None:
-            second_best = best.fitted, best.proofs, [*(t.check for t in known.values()), *of_best]
+            second_best = passed
         key = next(k for k, t in known.items() if t is best)
         known[key] = replace(best, check=Check(GAIN, False, f"{best.check.text}; {why}"), likelier=False)
         left.insert(0, claim)  # or what may take its place
@@ -325,6 +328,11 @@ def _with_network(question: Question, tried: SearchResult, proved: Proved, progr
 
 def _cost(question: Question, errors: Sequence[Mapping[str, float]]) -> float:
     return cost(errors, question.dynamics.particulars)
+
+
+def _after(question: Question, proofs: Sequence[Proof]) -> float:
+    """Error of free runs of a repaired model."""
+    return _cost(question, [p.rmse_after for p in proofs])
 
 
 def _unit(question: Question) -> str:
