@@ -115,7 +115,7 @@ def test_gusts_must_add_six_in_fitted_and_held_out_runs_to_the_steady_wind(monke
     claims = decision._claims(found(gusty, other, steady), gusty, None, False)
     assert claims[:2] == [gusty, steady] and claims.count(steady) == 1
     assert decision._claims(found(gusty, steady), steady, None, False)[0] is steady, "gusts are no further effect"
-    monkeypatch.setattr(diagnose, "at_rest", lambda data_set, j, fit: (data_set, j))
+    monkeypatch.setattr(diagnose, "at_rest", lambda data_set, j: (data_set, j))
     monkeypatch.setattr(diagnose, "in_held_out_runs", lambda question, j, known: replace(j, evidence=steady_there))
     alone = [c for c in claims if len(c.names) == len(gusty.names)]
     assert diagnose._last_effect_helps(None, found(), gusty, 20.0, alone) is helps

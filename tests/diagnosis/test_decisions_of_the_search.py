@@ -308,7 +308,7 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(
         return [SimpleNamespace(rmse_before={"cost": 2.0}, rmse_after={"cost": after}, rmse_alone={"cost": alone})]
 
     for name, made in {
-        "prove": prove, "at_rest": lambda data_set, j, fit: (data_set, j), "averaged": lambda data_set, j: j,
+        "prove": prove, "at_rest": lambda data_set, j: (data_set, j), "averaged": lambda data_set, j: j,
         "replace": lambda j, **new: SimpleNamespace(**{**vars(j), **new}) if hasattr(j, "names") else replace(j, **new),
         "in_held_out_runs": lambda question, j, known: SimpleNamespace(
             hypothesis=acting, evidence=7.0 + gains.get(j.names, 0.0)

@@ -233,6 +233,14 @@ def test_little_is_left_below_one_and_a_half_per_cent_or_where_calm_water_left_m
     assert check.passed is passed
 
 
+@pytest.mark.parametrize("random, passed", [({"gust_sd": (2.0, 0.3)}, True), ({}, False)])
+def test_gusts_that_were_integrated_out_are_not_told_as_a_random_force_that_is_left(random, passed):
+    """About the states of the mean wind alone, their course would be one."""
+    searched = replace(fitted(9.0, "current", best=(1, 0)), random=random)
+    tried = found(searched, levels=[(0.2, 0.2), (0.01, 0.01)])
+    assert checks._little_left(tried, replace(searched, best=(0, 0))).passed is passed
+
+
 @pytest.mark.parametrize("offset, passed", [(5.0, False), (-5.0, False), (4.0, True)])
 def test_a_parameter_on_its_bound_fails_the_check(offset, passed):
     bound = RudderOffset.declared[0].high

@@ -83,7 +83,7 @@ def test_a_name_that_is_not_proved_is_left_open_unless_all_runs_together_make_ca
     for check in ("right_ship_check", "calm_check"):
         monkeypatch.setattr(diagnose, check, lambda *_: Check(RIGHT_SHIP, True, ""))
     monkeypatch.setattr(diagnose, "_proved", lambda q, tried, some, ship: (none, [], []))
-    monkeypatch.setattr(diagnose, "at_rest", lambda data_set, j, fit: (data_set, j))
+    monkeypatch.setattr(diagnose, "at_rest", lambda data_set, j: (data_set, j))
     monkeypatch.setattr(diagnose, "in_held_out_runs", lambda q, j, known: Mock(evidence=there if j.names else 0.0))
     verdict, (chosen, _, _) = diagnose._decided(Mock(dynamics=CALM), SearchResult(none, [scale], Mock()))
     assert chosen is none and verdict.named is named and (verdict.effects["log_scale"] < 0.5) is not named

@@ -75,7 +75,9 @@ def _forms_off(chosen: FittedHypothesis) -> list[tuple[str, float]]:
 def _little_left(tried: SearchResult, chosen: FittedHypothesis) -> Check:
     """What stays unexplained should be small against what was explained."""
     levels = tried.likelihood.data_set.levels
-    before, after = levels[tried.none.best[0]].max(), levels[chosen.best[0]].max()
+    # The course of gusts is integrated out where they were found, and taken for a random force about own states.
+    best = next((j.best for j in tried.fitted if j.random and j.names == chosen.names), chosen.best)
+    before, after = levels[tried.none.best[0]].max(), levels[best[0]].max()
     text = (
         f"a random force of {100 * after:.2g} % of the resistance and of the force of 20 deg of rudder is left, "
         f"{100 * before:.2g} % in calm water"

@@ -18,7 +18,7 @@ from manoeuvre_nn.diagnosis.decision import (
     likelier_than_calm_water,
     settled,
 )
-from manoeuvre_nn.diagnosis.fits import at_rest, refine
+from manoeuvre_nn.diagnosis.fits import at_rest
 from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
 from manoeuvre_nn.diagnosis.gusts import refined_with_gusts
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
@@ -307,9 +307,18 @@ def _last_effect_helps(
 
 
 def _about_own_states(data_set: WhitenedDataSet, claim: FittedHypothesis) -> tuple[WhitenedDataSet, FittedHypothesis]:
-    """The runs about a claim's own states, and the claim there, the course of gusts integrated out."""
-    # Strong gusts explain what a fit without them would lay on the mean wind, or on what acts beside it.
-    return at_rest(data_set, claim, refined_with_gusts if claim.random else refine)
+    """The runs about a claim's own states, and the claim there, the course of gusts integrated out.
+
+    Strong gusts explain what a fit without them would lay on the mean wind, or on what acts beside it.
+
+    Returns:
+        The runs; the claim, at the process noise that takes its gusts for a random force, as all that follows does.
+    """
+    if not claim.random:
+        return at_rest(data_set, claim)
+    there, found = at_rest(data_set, claim, refined_with_gusts)
+    loose = MarginalLikelihood(there).evaluate(found.hypothesis, around=found.best[0])
+    return there, replace(found, best=loose.best)
 
 
 def _with_network(question: Question, tried: SearchResult, proved: Proved, progress: Progress) -> Proved:
