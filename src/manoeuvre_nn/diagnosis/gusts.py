@@ -43,7 +43,7 @@ KNOTS = 3.0
 """Knots of their course in a correlation time."""
 MAX_PROCESS_BESIDE_GUSTS = 0.06
 """Process noise from which it would only compete with gusts, unless the model was fitted and may lack any force."""
-ROUNDS = 4
+ROUNDS = 3
 """Fits of the mean wind with gusts, at most: they leave it less to explain than it had alone."""
 
 
@@ -64,7 +64,9 @@ def fitted_gusts(likelihood: MarginalLikelihood, steady: FittedHypothesis, gusty
     levels = [int(g) for g in np.flatnonzero(likelihood.data_set.levels.pairs.max(axis=1) < MAX_PROCESS_BESIDE_GUSTS)]
     if is_fitted(likelihood.data_set.dynamics):
         levels = likelihood.data_set.levels.around(steady.best[0])
-    sides = from_four_sides(steady.hypothesis) if len(steady.names) == 1 else []
+    # On ponds gusts are larger than the mean, which four sides do not find either.
+    alone = len(steady.names) == 1 and not ship.is_model
+    sides = from_four_sides(steady.hypothesis) if alone else []
     starts = [steady.hypothesis, *(likelihood.improve(side, *steady.best, rounds=3)[0] for side in sides)]
     found = max((_tried(likelihood, h, wind, kinds, levels) for h in starts), key=_most)
     for _ in range(ROUNDS - 1):
