@@ -209,7 +209,7 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         return second_best
     # Nothing is missing, but coefficients may be off within their scatter.
     corrected = prove(question, none, none.hypothesis, proofs) if proofs else []
-    better = _cost(question, [p.rmse_after for p in corrected]) < before
+    better = _after(question, corrected) < before
     return none, corrected if better else proofs, [t.check for t in known.values()]
 
 
@@ -255,12 +255,12 @@ def _put_to_proof(
     # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.
     least = PROVED if is_fitted(data_set.dynamics) or Formula.name in j.names else REFUTED
     most = before * (1.0 if is_fitted(data_set.dynamics) else MAX_ERROR_GROWTH)
-    after, gain = _cost(question, [p.rmse_after for p in made]), there.evidence - calm
+    after, gain = _after(question, made), there.evidence - calm
     alone = [p.rmse_alone for p in made if p.rmse_alone]
     if after > most and alone and _cost(question, alone) < after:
         # Coefficients as corrected by the fitted runs do not hold in others: the effects may.
         made = prove(question, replace(j, corrections=0 * j.corrections), there.hypothesis, proofs)
-        after = _cost(question, [p.rmse_after for p in made])
+        after = _after(question, made)
     enough = claim.evidence - tried.none.evidence + gain > least_gain(claim)
     better = gain > least and after <= most
     tested = bool(made) and _acts(there.hypothesis)
@@ -330,7 +330,7 @@ def _with_network(question: Question, tried: SearchResult, proved: Proved, progr
     more = with_remainder(MarginalLikelihood(there), chosen, progress)
     with_it, without = in_held_out_runs(question, more), in_held_out_runs(question, chosen)
     made = prove(question, more, with_it.hypothesis, proofs)
-    now, then = (_cost(question, [p.rmse_after for p in some]) for some in (proofs, made))
+    now, then = _after(question, proofs), _after(question, made)
     helped = bool(made) and then < now and with_it.evidence > without.evidence
     text = f"with a network on top the error of free runs goes from {now:.2f} to {then:.2f} ({_unit(question)})"
     checks = [*checks, Check("remainder", helped, text if made else "no held-out run: a network is not trusted")]

@@ -1,7 +1,8 @@
 """Gusts: their course is random, so it is integrated out, and only their size is fitted."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
@@ -45,6 +46,9 @@ MAX_PROCESS_BESIDE_GUSTS = 0.06
 """Process noise from which it would only compete with gusts, unless the model was fitted and may lack any force."""
 ROUNDS = 3
 """Fits of the mean wind with gusts, at most: they leave it less to explain than it had alone."""
+MIN_GAIN_OF_ROUND = 0.5
+"""Log evidence that one of them must add for the next."""
+T = TypeVar("T")
 
 
 def fitted_gusts(likelihood: MarginalLikelihood, steady: FittedHypothesis, gusty: Effect) -> FittedHypothesis:
@@ -68,19 +72,23 @@ def fitted_gusts(likelihood: MarginalLikelihood, steady: FittedHypothesis, gusty
     alone = len(steady.names) == 1 and not ship.is_model
     sides = from_four_sides(steady.hypothesis) if alone else []
     starts = [steady.hypothesis, *(likelihood.improve(side, *steady.best, rounds=3)[0] for side in sides)]
-    found = max((_tried(likelihood, h, wind, kinds, levels) for h in starts), key=_most)
-    for _ in range(ROUNDS - 1):
-        mean = max(found, key=lambda pair: pair[0].evidence)[0].hypothesis
-        again = _tried(likelihood, mean, wind, kinds, levels)
-        if _most(again) < _most(found) + 0.5:
-            break
-        found = again
+
+    def best(found: list[tuple[FittedHypothesis, _Gusts]]) -> FittedHypothesis:
+        return max((j for j, _ in found), key=lambda j: j.evidence)
+
+    found = max((_tried(likelihood, h, wind, kinds, levels) for h in starts), key=lambda some: best(some).evidence)
+    found = _repeated(lambda h: _tried(likelihood, h, wind, kinds, levels), found, best)
     return _chosen(found, wind, gusty)
 
 
-def _most(found: Sequence[tuple[FittedHypothesis, _Gusts]]) -> float:
-    """Log evidence at the most likely size of gusts."""
-    return max(j.evidence for j, _ in found)
+def _repeated(fit: Callable[[Hypothesis], T], found: T, best: Callable[[T], FittedHypothesis]) -> T:
+    """What fits from where the last one ended come to, at most :data:`ROUNDS` of them and as long as they gain."""
+    for _ in range(ROUNDS - 1):
+        again = fit(best(found).hypothesis)
+        if best(again).evidence < best(found).evidence + MIN_GAIN_OF_ROUND:
+            break
+        found = again
+    return found
 
 
 def refined_with_gusts(
@@ -96,25 +104,22 @@ def refined_with_gusts(
     Returns:
         What came out.
     """
-    levels, prior = likelihood.data_set.levels.around(level), log_prior_levels(likelihood.data_set, PROCESS_PRIOR)
 
-    def step(h: Hypothesis) -> FittedHypothesis:
-        there = beside(likelihood, h)
-        return there.over_levels(h, _without_gusts(there, h, levels), prior)
+    def fit(h: Hypothesis) -> FittedHypothesis:
+        return _with_gusts(beside(likelihood, h), h, level)
 
-    found = step(hypothesis)
-    for _ in range(ROUNDS - 1):
-        again = step(found.hypothesis)
-        if again.evidence < found.evidence + 0.5:
-            break
-        found = again
-    return found
+    return _repeated(fit, fit(hypothesis), lambda found: found)
 
 
 def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int) -> float:
     """Log evidence of a hypothesis with a gusty wind at its values, process noise about a level summed out."""
+    return _with_gusts(likelihood, hypothesis, level).evidence
+
+
+def _with_gusts(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int) -> FittedHypothesis:
+    """A hypothesis with a gusty wind after a linear step from its values, process noise about a level summed out."""
     known = _without_gusts(likelihood, hypothesis, likelihood.data_set.levels.around(level))
-    return likelihood.over_levels(hypothesis, known, log_prior_levels(likelihood.data_set, PROCESS_PRIOR)).evidence
+    return likelihood.over_levels(hypothesis, known, log_prior_levels(likelihood.data_set, PROCESS_PRIOR))
 
 
 def _without_gusts(
