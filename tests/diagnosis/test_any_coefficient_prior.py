@@ -24,7 +24,7 @@ from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
 from manoeuvre_nn.estimation.prepared_run import base_columns
-from manoeuvre_nn.estimation.relinearise import COEFFICIENT_PRIORS, gain_by_coefficient_priors
+from manoeuvre_nn.estimation.prior_average import COEFFICIENT_PRIORS, gain_by_coefficient_priors
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 LEVEL = 4

@@ -21,7 +21,7 @@ from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, whitened_dat
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.posterior import posterior
-from manoeuvre_nn.estimation.relinearise import with_likely_coefficient_prior
+from manoeuvre_nn.estimation.prior_average import with_likely_coefficient_prior
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 NONE = Hypothesis((), ())

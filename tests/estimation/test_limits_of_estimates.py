@@ -22,6 +22,7 @@ from manoeuvre_nn.estimation import (
     linear_motion,
     marginal_likelihood,
     prime_recordings,
+    prior_average,
     record_information,
     relinearise,
 )
@@ -261,8 +262,8 @@ def test_a_term_that_a_published_set_lacks_may_do_six_tenths_of_what_the_rudder_
 
 
 def test_errors_of_coefficients_are_tried_from_any_arm_to_nearly_known_ones_and_missing_terms_over_a_factor_of_ten():
-    coupling, missing = (sorted(set(column)) for column in zip(*relinearise.COEFFICIENT_PRIORS, strict=True))
-    assert coupling == approx(np.linspace(0.0, 0.9, 4)) and len(relinearise.COEFFICIENT_PRIORS) == 12
+    coupling, missing = (sorted(set(column)) for column in zip(*prior_average.COEFFICIENT_PRIORS, strict=True))
+    assert coupling == approx(np.linspace(0.0, 0.9, 4)) and len(prior_average.COEFFICIENT_PRIORS) == 12
     smallest, usual, largest = missing
     assert usual == 1.0 and smallest * largest == approx(0.9, rel=0.01) and largest / smallest == approx(10.0)
 

@@ -23,7 +23,8 @@ from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
-from manoeuvre_nn.estimation.relinearise import beside, gain_by_coefficient_priors
+from manoeuvre_nn.estimation.prior_average import gain_by_coefficient_priors
+from manoeuvre_nn.estimation.relinearise import beside
 
 PRIOR_NONE, PRIOR_UNKNOWN, PRIOR_OF_SIZE = 0.25, 0.10, (0.53, 0.10, 0.02)
 """Declared base rates: calm water holds, something that the shelf does not have, and one effect, two, three."""

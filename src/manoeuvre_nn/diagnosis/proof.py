@@ -17,7 +17,8 @@ from manoeuvre_nn.estimation.data_set import WhitenedDataSet, same_campaigns
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.prepared_run import LATENCY, base_columns
-from manoeuvre_nn.estimation.relinearise import beside, gain_by_coefficient_priors
+from manoeuvre_nn.estimation.prior_average import gain_by_coefficient_priors
+from manoeuvre_nn.estimation.relinearise import beside
 from manoeuvre_nn.scoring.free_runs import errors
 
 

@@ -23,10 +23,10 @@ from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.prior_average import with_likely_coefficient_prior
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 from manoeuvre_nn.estimation.relinearise import (
     beside,
-    with_likely_coefficient_prior,
 )
 
 MIN_GAIN_TO_RELINEARISE = 12.0
