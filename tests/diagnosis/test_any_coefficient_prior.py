@@ -18,13 +18,24 @@ from manoeuvre_nn.diagnosis import decision, diagnose, proof
 from manoeuvre_nn.diagnosis.decision import MAX_SETTLED, decide
 from manoeuvre_nn.diagnosis.fits import at_rest, refine
 from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.loading import TrimChange
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
 from manoeuvre_nn.estimation.corrections import CoefficientPrior
-from manoeuvre_nn.estimation.data_set import WhitenedDataSet
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
+from manoeuvre_nn.estimation.marginal_likelihood import (
+    PROCESS_PRIOR,
+    MarginalLikelihood,
+    log_prior_levels,
+    to_prior_means,
+    weighty,
+)
 from manoeuvre_nn.estimation.prepared_run import base_columns
-from manoeuvre_nn.estimation.prior_average import COEFFICIENT_PRIORS, gain_by_coefficient_priors
+from manoeuvre_nn.estimation.prior_average import (
+    COEFFICIENT_PRIORS,
+    gain_by_coefficient_priors,
+    over_coefficient_priors,
+)
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 LEVEL = 4
@@ -47,7 +58,29 @@ def test_the_gain_is_the_mean_over_runs_that_were_made_with_each_prior(own, spee
     at = replace(MarginalLikelihood(data_set).evaluate(h, around=LEVEL), hypothesis=h, best=(LEVEL, 2))
     each = [evidence(prior) for prior in COEFFICIENT_PRIORS]
     assert max(each) - min(each) > 0.5, "or any mean would do"
-    assert gain_by_coefficient_priors(data_set, at) == approx(logsumexp(each) - np.log(12) - evidence(own), abs=0.05)
+    assert gain_by_coefficient_priors(data_set, at) == approx(logsumexp(each) - np.log(16) - evidence(own), abs=0.05)
+
+
+def test_values_and_errors_hold_for_all_priors_by_the_law_of_total_variance():
+    """A second route: runs whitened anew with each of them, every level of both deviations a part of the mixture."""
+    whole = [replace(p, base=base_columns(CALM, p.linearised)) for p in stand("wind").runs]
+    data_set = WhitenedDataSet(CALM, whole, CoefficientPrior(0.9, 0.3))
+    about = hypothesis(TrimChange(SHIP, trim_m=1.0))
+    at = MarginalLikelihood(data_set).evaluate(about, around=LEVEL)
+    of_levels, weights, values, variances = log_prior_levels(data_set, PROCESS_PRIOR), [], [], []
+    for prior in COEFFICIENT_PRIORS:
+        likelihood = MarginalLikelihood(WhitenedDataSet(CALM, whole, prior))
+        for g in sorted({g for g, _ in weighty(at.by_level + of_levels)}):
+            found = likelihood.posterior(likelihood.columns(about), g)
+            weights += (found.evidence + of_levels[g]).tolist()
+            values += [1.0 + found.mean(s)[-1] + to_prior_means(about)[0] for s in range(len(COEFFICIENT_SD_LEVELS))]
+            variances += [found.covariance(s)[-1, -1] for s in range(len(COEFFICIENT_SD_LEVELS))]
+    w, values = np.exp(np.array(weights) - logsumexp(weights)), np.array(values)
+    over = over_coefficient_priors(data_set, at, about)
+    assert over.hypothesis.vector() == approx([w @ values], rel=2e-3)
+    assert over.errors == approx([np.sqrt(w @ variances + w @ (values - w @ values) ** 2)], rel=0.02)
+    assert over.errors > 1.1 * at.errors, "or one prior would do"
+    assert (len(over.corrections), len(over.latencies)) == (len(at.corrections), len(at.latencies))
 
 
 @pytest.fixture

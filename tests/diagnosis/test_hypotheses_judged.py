@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from pytest import approx
 from scipy.special import logsumexp
+from scipy.stats import rayleigh
 from trials import CALM, CIRCLE, NOISE, SHIP, ZIGZAG, run_of, runs, sailed, values
 
 from manoeuvre_nn.core.effect import Effect
@@ -91,8 +92,9 @@ def test_the_prior_of_the_levels_sums_to_one_and_favours_little_force():
     for scale in (None, PROCESS_PRIOR):
         assert logsumexp(log_prior_levels(stand("nothing"), scale)) == approx(0.0, abs=1e-12)
     held = log_prior_levels(stand("nothing"), PROCESS_PRIOR)
-    assert (np.diff(held, axis=1) < 0).all(), "the rarer the larger the scatter"
-    assert held[0, 0] == held.max() and held[-1, -1] == held.min()
+    assert held[0].max() == held.max() and held[-1].max() < held[-2].max()
+    of_scatter = rayleigh(scale=0.045).pdf(COEFFICIENT_SD_LEVELS) * COEFFICIENT_SD_LEVELS
+    assert np.exp(held[3]) / np.exp(held[3]).sum() == approx(of_scatter / of_scatter.sum()), "of ln s"
 
 
 @pytest.mark.parametrize("name", ["nothing", "current"])

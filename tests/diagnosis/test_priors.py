@@ -20,7 +20,7 @@ from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Co
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
-from manoeuvre_nn.estimation.posterior import posterior
+from manoeuvre_nn.estimation.posterior import mixture, posterior
 from manoeuvre_nn.estimation.prior_average import with_likely_coefficient_prior
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
@@ -87,8 +87,10 @@ def test_standard_errors_hold_over_levels_of_noise():
     found = [
         posterior(np.array([[9.0, m / 4], [m / 4, 1 / 4 - 1e-12]]), 0.0, np.array([1e6]), data) for m in (1.0, 3.0)
     ]
-    weighted = np.array([[0.0], [0.0], [-99.0]])
-    mean, covariance = under_test._mixture({(0, 0): found[0], (1, 0): found[1]}, weighted)
+    mean, covariance = mixture(
+        np.array([0.5, 0.5]), np.array([p.mean() for p in found]), [p.covariance() for p in found]
+    )
+    assert under_test.weighty(np.array([[0.0], [0.0], [-99.0]])) == [(0, 0), (1, 0)]
     assert mean == approx([2.0]) and covariance[0, 0] == approx(5.0, rel=1e-6)
 
 

@@ -261,11 +261,10 @@ def test_a_term_that_a_published_set_lacks_may_do_six_tenths_of_what_the_rudder_
     assert all(float(size) == approx(0.6 * float(allowed["XYN".index(name[0])])) for name, size in sizes.items())
 
 
-def test_errors_of_coefficients_are_tried_from_any_arm_to_nearly_known_ones_and_missing_terms_over_a_factor_of_ten():
+def test_errors_of_coefficients_are_tried_from_any_arm_to_nearly_known_ones_and_missing_terms_over_a_factor_of_thirty():
     coupling, missing = (sorted(set(column)) for column in zip(*prior_average.COEFFICIENT_PRIORS, strict=True))
-    assert coupling == approx(np.linspace(0.0, 0.9, 4)) and len(prior_average.COEFFICIENT_PRIORS) == 12
-    smallest, usual, largest = missing
-    assert usual == 1.0 and smallest * largest == approx(0.9, rel=0.01) and largest / smallest == approx(10.0)
+    assert coupling == approx(np.linspace(0.0, 0.9, 4)) and len(prior_average.COEFFICIENT_PRIORS) == 16
+    assert np.log10(missing) == approx([-1.0, -0.5, 0.0, 0.5], abs=0.03), "from sets that lack next to nothing"
 
 
 # Levels, states and rudders ------------------------------------------------------------------------------------------
@@ -273,7 +272,7 @@ def test_errors_of_coefficients_are_tried_from_any_arm_to_nearly_known_ones_and_
 
 def test_a_level_of_noise_counts_that_is_a_hundredth_as_likely_as_the_best():
     weights = np.log([[1.0, 0.0105], [0.0095, 0.5]]) + 7.0
-    assert marginal_likelihood._weighty(weights) == [(0, 0), (0, 1), (1, 1)]
+    assert marginal_likelihood.weighty(weights) == [(0, 0), (0, 1), (1, 1)]
 
 
 @pytest.mark.parametrize("apart, same", [(0.95, True), (1.05, False)])

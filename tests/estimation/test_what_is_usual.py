@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from pytest import approx
-from scipy.stats import norm
+from scipy.stats import rayleigh
 
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.core.wind import AIR, COEFFICIENTS, WindAreas, wind_load
@@ -46,7 +46,7 @@ def test_the_wind_is_expected_to_push_a_ship_as_blendermanns_cargo_ship_to_a_ten
 def test_levels_of_the_coefficients_errors_stand_close_where_they_are_likely_and_end_where_they_are_not():
     usual, beyond = np.array(COEFFICIENT_SD_LEVELS[1:]), COEFFICIENT_SD_LEVELS[-1] / COEFFICIENT_SD_PRIOR
     assert (usual[1:] / usual[:-1] < 2.6).all()
-    assert 2 * norm.sf(beyond) < 1e-4 < 2 * norm.sf(0.9 * beyond), "of a half-normal prior"
+    assert rayleigh.sf(beyond) < 1e-4 < rayleigh.sf(0.9 * beyond)
 
 
 DRIFT, CIRCLE, HELM = np.sin(np.deg2rad(17.5)), 2 / 3.3, np.deg2rad(29.0)

@@ -31,7 +31,7 @@ from manoeuvre_nn.dynamics.base import Model, is_fitted
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import COEFFICIENT_SD_PRIOR, PROCESS_PRIOR
+from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR
 from manoeuvre_nn.estimation.model_corrections import USUAL_SCATTER
 from manoeuvre_nn.estimation.prepared_run import LATENCY, PreparedRun
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, drawn_process
@@ -150,7 +150,7 @@ def corrected(tried: SearchResult, rng: np.random.Generator) -> _Allowed:
     """Calm water as the fit left it; what the fitted runs do not show of the coefficients keeps its scatter."""
     data_set, most = tried.likelihood.data_set, _most_allowed()
     level = data_set.levels.point(*(min(k, most) for k in data_set.levels.at(tried.none.best[0])))
-    scatter = min(tried.none.best[1], int(np.searchsorted(COEFFICIENT_SD_LEVELS, PRIOR_SDS * COEFFICIENT_SD_PRIOR)) - 1)
+    scatter = min(tried.none.best[1], int(np.searchsorted(COEFFICIENT_SD_LEVELS, PRIOR_SDS * USUAL_SCATTER)) - 1)
     found, k = tried.likelihood.posterior(None, level), data_set.combinations
     mean, root = found.mean(scatter), np.linalg.cholesky(found.covariance(scatter)[:k, :k] + 1e-18 * np.eye(k))
     shares = (mean[:k] + np.vstack([np.zeros(k), rng.standard_normal((DRAWS, k)) @ root.T])) @ data_set.rotation.T

@@ -226,7 +226,7 @@ def unknown_evidence(likelihood: MarginalLikelihood, none: FittedHypothesis, for
     grid, (row, column) = data_set.levels, data_set.levels.at(none.best[0])
     near = sorted({*grid.around(none.best[0]), grid.point(row + 2, column), grid.point(row, column + 2)})
     loose = np.stack([likelihood.posterior(None, g).evidence for g in near])
-    found = [logsumexp(loose - np.log(len(grid) * loose.shape[1]))]
+    found = [logsumexp(loose + log_prior_levels(data_set, None)[near])]
     if formula is not None:
         found.append(formula.evidence)
     return float(logsumexp(np.array(found) - np.log(2))) + _strange_sensors(data_set)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet
@@ -20,13 +20,14 @@ from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis, log
 from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Embedded
 from manoeuvre_nn.estimation.model_corrections import USUAL_SCATTER
-from manoeuvre_nn.estimation.posterior import Posterior
+from manoeuvre_nn.estimation.posterior import Posterior, mixture
 
 PROCESS_PRIOR = 0.03
 """Scale s of the prior of the process noise's levels x, ``p(ln x) ~ exp(-x^2 / 2 s^2)``, when physics is named: little
 may stay unexplained."""
-COEFFICIENT_SD_PRIOR = USUAL_SCATTER
-"""The same of the coefficients' relative error: published scatter is 3 to 6 %."""
+COEFFICIENT_SD_PRIOR = 0.045
+"""Likeliest relative error s0 of coefficients, of which ``p(ln s) ~ s^2 exp(-s^2 / 2 s0^2)`` (Rayleigh's distribution):
+published sets scatter by 3 to 6 %, and none is exact."""
 USUAL_LEVELS = int(np.searchsorted(COEFFICIENT_SD_LEVELS, 2 * USUAL_SCATTER))
 """Number of the levels of the coefficients' standard deviation that are usual."""
 MIN_GAIN = 0.02
@@ -113,7 +114,7 @@ class MarginalLikelihood:
             numbers += range(at + 1, at + 1 + len(unknowns))
             spreads += hypothesis.prior_sds(durations).tolist()
             # Unknowns are deviations from their prior means: the data stand at the present values.
-            data[at : at + 1 + len(unknowns)] = np.append(-1.0, -_shift(hypothesis))
+            data[at : at + 1 + len(unknowns)] = np.append(-1.0, -to_prior_means(hypothesis))
             at += 1 + len(unknowns)
         keep = [0, *wholes, *range(1, size), *numbers]
         found = self.data_set.posterior(gram[np.ix_(keep, keep)], norm, data[keep], spreads)
@@ -172,7 +173,7 @@ class MarginalLikelihood:
         m = len(step)
         for _ in range(rounds):
             found = self.posterior(self.columns(trial), level)
-            change = found.mean(scatter)[-m:] + _shift(trial) if m else step
+            change = found.mean(scatter)[-m:] + to_prior_means(trial) if m else step
             value = float(found.evidence[scatter])
             if m:  # density of data and values at the values themselves: what a step must raise
                 precision = np.linalg.inv(found.covariance(scatter)[-m:, -m:])
@@ -251,8 +252,11 @@ class MarginalLikelihood:
         weighted = by_level + prior
         g, s = (int(k) for k in np.unravel_index(int(weighted.argmax()), weighted.shape))
         m, k = len(hypothesis.unknowns()), self.data_set.size - 1
-        mean, covariance = _mixture({at: known[at[0]] for at in _weighty(weighted)}, weighted)
-        change = mean[k:] + _shift(hypothesis)
+        usual = weighty(weighted)
+        means = np.array([known[g].mean(s) for g, s in usual])
+        covariances = [known[g].covariance(s) for g, s in usual]
+        mean, covariance = mixture(softmax([weighted[at] for at in usual]), means, covariances)
+        change = mean[k:] + to_prior_means(hypothesis)
         final = hypothesis if not m else _limited(hypothesis, change)
         evidence = float(logsumexp(weighted)) + _bounded(hypothesis, change, np.diag(covariance)[k:])
         misfit = float(known[g].misfit[s])
@@ -261,21 +265,17 @@ class MarginalLikelihood:
         return FittedHypothesis(final, evidence, by_level, covariance[k:, k:], misfit, (g, s), corrections, latencies)
 
 
-def _weighty(weighted: Float[np.ndarray, "g s"]) -> list[tuple[int, int]]:
-    """Levels whose weight is not negligible beside the best."""
+def weighty(weighted: Float[np.ndarray, "g s"]) -> list[tuple[int, int]]:
+    """Levels whose weight is not negligible beside the best.
+
+    Args:
+        weighted: Log weight at every level of the process noise and of the coefficients' standard deviation.
+
+    Returns:
+        Numbers of both.
+    """
     least = weighted.max() + log(MIN_LEVEL_WEIGHT)
     return [(int(g), int(s)) for g, s in zip(*np.nonzero(weighted > least), strict=True)]
-
-
-def _mixture(
-    found: Mapping[tuple[int, int], Posterior], weighted: Float[np.ndarray, "g s"]
-) -> tuple[Float[np.ndarray, " q"], Float[np.ndarray, "q q"]]:
-    """Mean and covariance over several levels of noise: that within them and that of their means (total variance)."""
-    shares = np.exp([weighted[at] - logsumexp([weighted[other] for other in found]) for at in found])
-    means = np.array([posterior.mean(s) for (_, s), posterior in found.items()])
-    mean = shares @ means
-    within = sum(w * p.covariance(s) for w, ((_, s), p) in zip(shares, found.items(), strict=True))
-    return mean, within + (means - mean).T @ ((means - mean) * shares[:, None])
 
 
 def log_prior_levels(data_set: WhitenedDataSet, process_prior: float | None) -> Float[np.ndarray, "g s"]:
@@ -295,7 +295,8 @@ def log_prior_levels(data_set: WhitenedDataSet, process_prior: float | None) -> 
     if process_prior is not None and not is_fitted(data_set.dynamics):
         process = -0.5 * np.square(data_set.levels.pairs / process_prior).sum(axis=1)
     if not is_fitted(data_set.dynamics):
-        scatter = -0.5 * np.square(np.array(COEFFICIENT_SD_LEVELS) / COEFFICIENT_SD_PRIOR)
+        square = np.square(np.array(COEFFICIENT_SD_LEVELS) / COEFFICIENT_SD_PRIOR)
+        scatter = np.log(square) - 0.5 * square
     total = process[:, None] + scatter[None, :]
     return total - logsumexp(total)
 
@@ -306,7 +307,7 @@ def _key(hypothesis: Hypothesis) -> tuple[object, ...]:
     return (effects, hypothesis.fixed, hypothesis.campaigns, *(v.tobytes() for v in hypothesis.values))
 
 
-def _shift(hypothesis: Hypothesis) -> Float[np.ndarray, " m"]:
+def to_prior_means(hypothesis: Hypothesis) -> Float[np.ndarray, " m"]:
     """Prior means of the unknowns less their values."""
     values = hypothesis.vector()
     return np.array([f.mean(v) - v for f, v in zip(hypothesis.unknowns(), values, strict=True)])

@@ -1,8 +1,6 @@
-"""Values and standard errors averaged over what is not known of the process noise: its level and correlation time.
+"""Values and standard errors averaged over what is not known of the model's errors.
 
-With w_t the weights of the correlation times, in proportion to their evidence, and m_t, C_t what is found at each,
-
-    m = sum_t w_t m_t,    C = sum_t w_t (C_t + (m_t - m) (m_t - m)^T).
+These are level and correlation time of the process noise, and how the errors of coefficients go together.
 
 Source:
     Hoeting, Madigan, Raftery & Volinsky 1999, Bayesian Model Averaging: A Tutorial, Statistical Science 14(4).
@@ -18,7 +16,9 @@ from scipy.special import softmax
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.posterior import mixture
 from manoeuvre_nn.estimation.prepared_run import base_columns
+from manoeuvre_nn.estimation.prior_average import over_coefficient_priors
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, ProcessLevels
 
 BETWEEN = tuple(float(np.sqrt(low * high)) for low, high in pairwise(PROCESS_LEVELS.sizes))
@@ -28,10 +28,10 @@ TIMES = (0.5, 1.0, 2.0)
 
 
 def averaged(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> FittedHypothesis:
-    """A fitted hypothesis with values and covariance averaged over levels and correlation times of the process noise.
+    """A fitted hypothesis with values and covariance averaged over process noise and priors of coefficients.
 
-    The usual levels lie a factor of three apart, and the usual correlation time is one of many: that suffices to
-    compare hypotheses, but standard errors at the nearest of them may be too small.
+    The usual levels lie a factor of three apart, the usual correlation time and the likeliest prior of coefficients are
+    one of many: that suffices to compare hypotheses, but standard errors at the nearest of them may be too small.
 
     Args:
         data_set: The runs about the states of the hypothesis.
@@ -46,12 +46,11 @@ def averaged(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> FittedHypot
     found = [_at_time(data_set, fitted, factor * data_set.process_time) for factor in TIMES]
     weights = softmax([one.evidence for one in found])
     steps = np.array([_step(fitted, one) for one in found])
-    mean = weights @ steps
-    apart = (steps - mean).T @ ((steps - mean) * weights[:, None])
+    mean, covariance = mixture(weights, steps, [one.covariance for one in found])
     return replace(
         fitted,
         hypothesis=fitted.hypothesis.within_bounds(fitted.hypothesis.vector() + mean),
-        covariance=sum(w * one.covariance for w, one in zip(weights, found, strict=True)) + apart,
+        covariance=covariance,
         corrections=sum(w * one.corrections for w, one in zip(weights, found, strict=True)),
         latencies=sum(w * one.latencies for w, one in zip(weights, found, strict=True)),
     )
@@ -79,10 +78,11 @@ def finer(data_set: WhitenedDataSet, time: float) -> WhitenedDataSet:
 
 
 def _at_time(data_set: WhitenedDataSet, fitted: FittedHypothesis, time: float) -> FittedHypothesis:
-    """The hypothesis at one correlation time [s] of the process noise, over all of its levels."""
+    """The hypothesis at one correlation time [s] of the process noise, over its levels and priors of coefficients."""
     there = finer(data_set, time)
     around = there.levels.point(*(2 * k for k in PROCESS_LEVELS.at(fitted.best[0])))
     found = MarginalLikelihood(there).evaluate(fitted.hypothesis, around=around)
+    found = over_coefficient_priors(there, found, fitted.hypothesis)
     there.release()
     return found
 

@@ -79,6 +79,28 @@ class Posterior:
         return whole * self.prior[:, None] * self.prior
 
 
+def mixture(
+    shares: Float[np.ndarray, " n"],
+    means: Float[np.ndarray, "n m"],
+    covariances: Sequence[Float[np.ndarray, "m m"]],
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
+    """Mean and covariance of a mixture: the covariance within its parts and that of their means.
+
+    ``m = sum_k w_k m_k`` and ``C = sum_k w_k (C_k + (m_k - m) (m_k - m)^T)``, the law of total variance.
+
+    Args:
+        shares: Weight of each part; their sum is 1.
+        means: One row a part.
+        covariances: One a part.
+
+    Returns:
+        Mean, covariance.
+    """
+    mean = shares @ means
+    within = sum(w * c for w, c in zip(shares, covariances, strict=True))
+    return mean, within + (means - mean).T @ ((means - mean) * shares[:, None])
+
+
 def posterior(
     gram: Float[np.ndarray, "q q"],
     log_norm: float,

@@ -1,24 +1,24 @@
 """Priors of the errors of coefficients that are tried: how these go together, and how large missing terms may be."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
 from manoeuvre_nn.estimation.changed_coefficients import changed_base
 from manoeuvre_nn.estimation.corrections import CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet
-from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import joined, summed
-from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, log_prior_levels
-from manoeuvre_nn.estimation.posterior import posterior
-from manoeuvre_nn.estimation.prepared_run import LATENCY_SD, PreparedRun, base_columns
+from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, log_prior_levels, to_prior_means, weighty
+from manoeuvre_nn.estimation.posterior import Posterior, mixture, posterior
+from manoeuvre_nn.estimation.prepared_run import LATENCY_SD, base_columns
 
 COEFFICIENT_PRIORS = tuple(
-    CoefficientPrior(coupling, missing) for coupling in (0.0, 0.3, 0.6, 0.9) for missing in (0.3, 1.0, 3.0)
+    CoefficientPrior(coupling, missing) for coupling in (0.0, 0.3, 0.6, 0.9) for missing in (0.1, 0.3, 1.0, 3.0)
 )
 """Priors that are tried: forces at any arm to forces at a known arm, missing terms small or large. Where few
 are missing, terms as uncertain as those printed make the scatter of these look smaller than it is."""
@@ -34,8 +34,8 @@ def with_likely_coefficient_prior(data_set: WhitenedDataSet, fitted: FittedHypot
     Returns:
         The runs with one of :data:`COEFFICIENT_PRIORS`.
     """
-    evidence, whole = _by_coefficient_prior(data_set, fitted, fitted.best[:1])
-    return WhitenedDataSet(data_set.dynamics, whole, max(COEFFICIENT_PRIORS, key=evidence))
+    found = _ByPrior(data_set, fitted.hypothesis, fitted.best[:1])
+    return WhitenedDataSet(data_set.dynamics, found.whole, max(COEFFICIENT_PRIORS, key=found.evidence))
 
 
 def gain_by_coefficient_priors(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> float:
@@ -49,43 +49,98 @@ def gain_by_coefficient_priors(data_set: WhitenedDataSet, fitted: FittedHypothes
         fitted: At its values and noise levels; latencies and its own numbers are free.
 
     Returns:
-        The gain in log evidence, at least ``-log(12)`` where the runs have one of them; process noise is summed out
-        next to its best level.
+        The gain in log evidence, at least minus the logarithm of their number where the runs have one of them; process
+        noise is summed out next to its best level.
     """
-    evidence, _ = _by_coefficient_prior(data_set, fitted, data_set.levels.beside(fitted.best[0]))
-    each = [evidence(kind) for kind in COEFFICIENT_PRIORS]
-    return float(logsumexp(each) - np.log(len(each)) - evidence(data_set.coefficient_prior))
+    found = _ByPrior(data_set, fitted.hypothesis, data_set.levels.beside(fitted.best[0]))
+    each = [found.evidence(kind) for kind in COEFFICIENT_PRIORS]
+    return float(logsumexp(each) - np.log(len(each)) - found.evidence(data_set.coefficient_prior))
 
 
-def _by_coefficient_prior(
-    data_set: WhitenedDataSet, fitted: FittedHypothesis, levels: Sequence[int]
-) -> tuple[Callable[[CoefficientPrior], float], list[PreparedRun]]:
-    """Log evidence of a fitted hypothesis by the prior of coefficients, but for a constant, and the runs with all."""
-    names = Corrections(data_set.dynamics).names
-    lin = hypothesis_columns(data_set, fitted.hypothesis)
-    whole = [replace(p, base=base_columns(data_set.dynamics, p.linearised)) for p in data_set.runs]
-    k, count = len(names), len(whole)
-    size = 1 + k + count
-    both = [joined([p.base, c]) for p, c in zip(whole, lin.columns, strict=True)]
-    index = [np.r_[: 1 + k, 1 + k + run, size + at] for run, at in enumerate(lin.index)]
-    lin = replace(lin, turned=changed_base(data_set, fitted.hypothesis, combined=False))
+def over_coefficient_priors(data_set: WhitenedDataSet, fitted: FittedHypothesis, about: Hypothesis) -> FittedHypothesis:
+    """A fitted hypothesis with values and covariance averaged over priors of coefficients.
 
-    def gram_at(level: int) -> Float[np.ndarray, "p p"]:
-        embedded = [white.embed(c) for white, c in zip(data_set.at(level).white, both, strict=True)]
-        return summed([lin.turn(run, e.dot(e), gram=True) for run, e in enumerate(embedded)], index, size + lin.count)
+    Whether forces act at their published arms is hardly seen in few runs, but decides how well a force that
+    coefficients may imitate is known.
 
-    of_levels = log_prior_levels(data_set, PROCESS_PRIOR)
-    at = [(gram_at(level), data_set.at(level).norm, of_levels[level]) for level in levels]
-    # The data less what the hypothesis adds at its values; unknowns: coefficients, latencies, the hypothesis' own.
-    data, keep = np.eye(size + lin.count)[0] - np.eye(size + lin.count)[size], [0, size, *range(1, size)]
-    keep += range(size + 1, size + lin.count)
-    prior = np.r_[np.ones(k), np.full(count, LATENCY_SD), fitted.hypothesis.prior_sds()]
+    Args:
+        data_set: The runs.
+        fitted: What was found there with the prior that they have.
+        about: The hypothesis at the values that it was fitted from.
 
-    def evidence(kind: CoefficientPrior) -> float:
-        change = np.eye(size + lin.count)
-        change[1 : 1 + k, 1 : 1 + k] = kind.root(names)
-        turned = [((change.T @ gram @ change)[np.ix_(keep, keep)], norm) for gram, norm, _ in at]
-        found = [posterior(*one, prior, data[keep], COEFFICIENT_SD_LEVELS, k).evidence for one in turned]
-        return float(logsumexp([there + of_level for there, (_, _, of_level) in zip(found, at, strict=True)]))
+    Returns:
+        Another log evidence, that with any prior; other values, covariance, corrections and latencies.
+    """
+    usual = weighty(fitted.by_level + log_prior_levels(data_set, PROCESS_PRIOR))
+    by_prior = _ByPrior(data_set, about, sorted({level for level, _ in usual}))
+    weights, means, covariances = list[float](), list[Float[np.ndarray, " q"]](), list[Float[np.ndarray, "q q"]]()
+    for kind in COEFFICIENT_PRIORS:
+        root = by_prior.root(kind)
+        for found, of_level in zip(by_prior.posteriors(kind), by_prior.of_levels, strict=True):
+            weights += (found.evidence + of_level).tolist()
+            means += [root @ found.mean(s) for s in range(len(found.evidence))]
+            covariances += [root @ found.covariance(s) @ root.T for s in range(len(found.evidence))]
+    mean, covariance = mixture(softmax(weights), np.array(means), covariances)
+    k, last = len(by_prior.names), len(by_prior.names) + len(data_set.runs)
+    change = mean[last:] + to_prior_means(about)
+    return replace(
+        fitted,
+        hypothesis=about.within_bounds(about.vector() + change) if len(change) else about,
+        evidence=float(logsumexp(weights) - np.log(len(COEFFICIENT_PRIORS))),
+        covariance=covariance[last:, last:],
+        corrections=mean[:k],
+        latencies=mean[k:last],
+    )
 
-    return evidence, whole
+
+class _ByPrior:
+    """What runs say of every coefficient, latencies and a hypothesis' numbers by the prior of the coefficients.
+
+    Attributes:
+        names: Of the corrections of coefficients.
+        whole: The runs with a column for every correction.
+        of_levels: Log prior of the coefficients' standard deviation at every level of the process noise asked for.
+    """
+
+    def __init__(self, data_set: WhitenedDataSet, hypothesis: Hypothesis, levels: Sequence[int]) -> None:
+        """Take the runs, a hypothesis at its values, and levels of the process noise."""
+        self.names = Corrections(data_set.dynamics).names
+        self.whole = [replace(p, base=base_columns(data_set.dynamics, p.linearised)) for p in data_set.runs]
+        lin = hypothesis_columns(data_set, hypothesis)
+        k, count = len(self.names), len(self.whole)
+        size = 1 + k + count
+        both = [joined([p.base, c]) for p, c in zip(self.whole, lin.columns, strict=True)]
+        index = [np.r_[: 1 + k, 1 + k + run, size + at] for run, at in enumerate(lin.index)]
+        lin = replace(lin, turned=changed_base(data_set, hypothesis, combined=False))
+
+        def gram_at(level: int) -> Float[np.ndarray, "p p"]:
+            embedded = [white.embed(c) for white, c in zip(data_set.at(level).white, both, strict=True)]
+            turned = [lin.turn(run, e.dot(e), gram=True) for run, e in enumerate(embedded)]
+            return summed(turned, index, size + lin.count)
+
+        # The data less what the hypothesis adds at its values; unknowns: coefficients, latencies, the hypothesis' own,
+        # as deviations from their prior means.
+        keep = [0, size, *range(1, size), *range(size + 1, size + lin.count)]
+        durations = [float(np.ptp(p.linearised.run.time)) for p in data_set.runs]
+        self._data = np.r_[1.0, -1.0, np.zeros(size - 1), -to_prior_means(hypothesis)]
+        self._at = [(gram_at(level)[np.ix_(keep, keep)], data_set.at(level).norm) for level in levels]
+        self._prior = np.r_[np.ones(k), np.full(count, LATENCY_SD), hypothesis.prior_sds(durations)]
+        self.of_levels = log_prior_levels(data_set, PROCESS_PRIOR)[list(levels)]
+
+    def root(self, kind: CoefficientPrior) -> Float[np.ndarray, "m m"]:
+        """All unknowns from what is independent before the runs are seen."""
+        root, k = np.eye(len(self._prior)), len(self.names)
+        root[:k, :k] = kind.root(self.names)
+        return root
+
+    def posteriors(self, kind: CoefficientPrior) -> list[Posterior]:
+        """With one prior, at every level; of deviations that are independent before the runs are seen."""
+        change, k = np.eye(2 + len(self._prior)), len(self.names)
+        change[2:, 2:] = self.root(kind)
+        turned = [(change.T @ gram @ change, norm) for gram, norm in self._at]
+        return [posterior(*one, self._prior, self._data, COEFFICIENT_SD_LEVELS, k) for one in turned]
+
+    def evidence(self, kind: CoefficientPrior) -> float:
+        """Log evidence but for a constant, process noise and the coefficients' standard deviation summed out."""
+        each = [found.evidence for found in self.posteriors(kind)]
+        return float(logsumexp(each + self.of_levels))
