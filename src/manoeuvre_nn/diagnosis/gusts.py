@@ -6,17 +6,19 @@ from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import logsumexp
+from scipy.special import logsumexp, softmax
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.fits import from_four_sides
 from manoeuvre_nn.dynamics.base import is_fitted
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.effect_columns import contribution, hulls_beside
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
-from manoeuvre_nn.estimation.posterior import Posterior
+from manoeuvre_nn.estimation.noise_average import step_between
+from manoeuvre_nn.estimation.posterior import Posterior, mixture
 from manoeuvre_nn.estimation.process_noise import markov_course, without_course
 from manoeuvre_nn.estimation.relinearise import beside
 
@@ -48,6 +50,10 @@ ROUNDS = 3
 """Fits of the mean wind with gusts, at most: they leave it less to explain than it had alone."""
 MIN_GAIN_OF_ROUND = 0.5
 """Log evidence that one of them must add for the next."""
+OTHER_MEMORIES = (0.5, 1.0, 2.0)
+"""Correlation times over the usual one that sizes are averaged over: gusts at sea last 20 to 60 s, on ponds 3 to 20."""
+OTHER_SIZES = tuple(np.exp(np.linspace(-0.75, 0.75, 11)).tolist())
+"""Sizes over the one that was found."""
 T = TypeVar("T")
 
 
@@ -111,6 +117,48 @@ def refined_with_gusts(
     return _repeated(fit, fit(hypothesis), lambda found: found)
 
 
+def averaged_over_gusts(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> FittedHypothesis:
+    """A fitted hypothesis with a gusty wind, averaged over sizes and correlation times of the gusts.
+
+    Gusts that are thought to last half as long as they do seem smaller by a third: what a ship shows of them at once is
+    their variance over their correlation time.
+
+    Args:
+        data_set: The runs about the states of the hypothesis.
+        fitted: What was found there.
+
+    Returns:
+        The same evidence; other values, covariance, corrections, latencies and gusts.
+    """
+    likelihood, h = beside(MarginalLikelihood(data_set), fitted.hypothesis), fitted.hypothesis
+    wind, usual = _gusts_of(h)
+    kinds = [
+        replace(usual, size=usual.size * factor, memory=usual.memory * longer)
+        for longer in OTHER_MEMORIES
+        for factor in OTHER_SIZES
+    ]
+    found = _at_kinds(likelihood, h, wind, kinds, data_set.levels.beside(fitted.best[0]))
+    weights = softmax([j.evidence for j in found])
+    steps = np.array([step_between(h, j.hypothesis) for j in found])
+    mean, covariance = mixture(weights, steps, [j.covariance for j in found])
+    sizes = np.array([kind.size for kind in kinds])
+    size, best = float(weights @ sizes), kinds[int(weights.argmax())]
+    moved = h.within_bounds(h.vector() + mean)
+    effect, values = h.effects[wind], list(moved.values)
+    names = [p.name for p in effect.declared]
+    values[wind] = values[wind].copy()
+    for name, value in zip(effect.random, (size, best.memory, best.across), strict=True):
+        values[wind][:, names.index(name)] = value
+    return replace(
+        fitted,
+        hypothesis=replace(moved, values=tuple(values)),
+        covariance=covariance,
+        corrections=sum(w * j.corrections for w, j in zip(weights, found, strict=True)),
+        latencies=sum(w * j.latencies for w, j in zip(weights, found, strict=True)),
+        random={effect.random[0]: (size, float(np.sqrt(weights @ (sizes - size) ** 2)))},
+    )
+
+
 def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int) -> float:
     """Log evidence of a hypothesis with a gusty wind at its values, process noise about a level summed out."""
     return _with_gusts(likelihood, hypothesis, level).evidence
@@ -126,11 +174,7 @@ def _without_gusts(
     likelihood: MarginalLikelihood, hypothesis: Hypothesis, levels: Sequence[int]
 ) -> dict[int, Posterior]:
     """Posterior at levels of the process noise of a hypothesis with a gusty wind; its course is integrated out."""
-    wind = next(k for k, e in enumerate(hypothesis.effects) if e.random)
-    declared = [p.name for p in hypothesis.effects[wind].declared]
-    kind = _Gusts(
-        *(float(hypothesis.values[wind][0, declared.index(name)]) for name in hypothesis.effects[wind].random)
-    )
+    wind, kind = _gusts_of(hypothesis)
     lin = hypothesis_columns(likelihood.data_set, hypothesis)
     grams, norms = _without_course(likelihood, lin, wind, [kind], levels)
     return {g: likelihood.regress(grams[0, k], norms[0, k], hypothesis) for k, g in enumerate(levels)}
@@ -144,13 +188,27 @@ def _tried(
     least = float(likelihood.data_set.dynamics.particulars.sized([1.0], [0.5])[0])
     mean = max(float(hypothesis.values[wind][0, declared.index("speed")]), least)
     sizes = [replace(kind, size=kind.size * mean) for kind in kinds]
-    grams, norms = _without_course(likelihood, hypothesis_columns(likelihood.data_set, hypothesis), wind, sizes, levels)
+    return list(zip(_at_kinds(likelihood, hypothesis, wind, sizes, levels), sizes, strict=True))
+
+
+def _at_kinds(
+    likelihood: MarginalLikelihood, hypothesis: Hypothesis, wind: int, kinds: Sequence[_Gusts], levels: Sequence[int]
+) -> list[FittedHypothesis]:
+    """The hypothesis after a linear step, with gusts of every kind, at levels of the process noise beside them."""
+    grams, norms = _without_course(likelihood, hypothesis_columns(likelihood.data_set, hypothesis), wind, kinds, levels)
     prior = log_prior_levels(likelihood.data_set, PROCESS_PRIOR)
-    tried = []
+    found = []
     for gram, norm in zip(grams, norms, strict=True):
         known = {g: likelihood.regress(gram[k], norm[k], hypothesis) for k, g in enumerate(levels)}
-        tried.append(likelihood.over_levels(hypothesis, known, prior))
-    return list(zip(tried, sizes, strict=True))
+        found.append(likelihood.over_levels(hypothesis, known, prior))
+    return found
+
+
+def _gusts_of(hypothesis: Hypothesis) -> tuple[int, _Gusts]:
+    """Number of the gusty wind among a hypothesis' effects, and its gusts."""
+    wind = next(k for k, e in enumerate(hypothesis.effects) if e.random)
+    effect, names = hypothesis.effects[wind], [p.name for p in hypothesis.effects[wind].declared]
+    return wind, _Gusts(*(float(hypothesis.values[wind][0, names.index(name)]) for name in effect.random))
 
 
 def _without_course(

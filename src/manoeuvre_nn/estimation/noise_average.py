@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.special import softmax
 
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
-from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.posterior import mixture
 from manoeuvre_nn.estimation.prepared_run import base_columns
@@ -38,14 +38,12 @@ def averaged(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> FittedHypot
         fitted: What was found there.
 
     Returns:
-        The same evidence; other values, covariance, corrections and latencies. With gusts all is as it was: their
-        course was integrated out beside levels of its own.
+        The same evidence; other values, covariance, corrections and latencies. Gusts, of which the course is random,
+        are averaged over elsewhere.
     """
-    if fitted.random:
-        return fitted
     found = [_at_time(data_set, fitted, factor * data_set.process_time) for factor in TIMES]
     weights = softmax([one.evidence for one in found])
-    steps = np.array([_step(fitted, one) for one in found])
+    steps = np.array([step_between(fitted.hypothesis, one.hypothesis) for one in found])
     mean, covariance = mixture(weights, steps, [one.covariance for one in found])
     return replace(
         fitted,
@@ -87,8 +85,16 @@ def _at_time(data_set: WhitenedDataSet, fitted: FittedHypothesis, time: float) -
     return found
 
 
-def _step(before: FittedHypothesis, after: FittedHypothesis) -> Float[np.ndarray, " m"]:
-    """From the values of one to those of the other, directions the shorter way round."""
-    steps = after.hypothesis.vector() - before.hypothesis.vector()
-    periods = [f.parameter.period for f in before.hypothesis.unknowns()]
+def step_between(before: Hypothesis, after: Hypothesis) -> Float[np.ndarray, " m"]:
+    """From the values of one hypothesis to those of another, directions the shorter way round.
+
+    Args:
+        before: One.
+        after: The same at other values.
+
+    Returns:
+        What to add to those of the first.
+    """
+    steps = after.vector() - before.vector()
+    periods = [f.parameter.period for f in before.unknowns()]
     return np.array([x - (p * round(x / p) if p else 0.0) for x, p in zip(steps.tolist(), periods, strict=True)])
