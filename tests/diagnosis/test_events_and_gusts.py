@@ -13,7 +13,7 @@ from trials import CALM, CIRCLE, NOISE, PORT, SHIP, STEP, ZIGZAG, run_of, runs, 
 from manoeuvre_nn.diagnosis import event_blocks
 from manoeuvre_nn.diagnosis.diagnose import _about_own_states
 from manoeuvre_nn.diagnosis.fits import at_rest, single
-from manoeuvre_nn.diagnosis.gusts import fitted_gusts
+from manoeuvre_nn.diagnosis.gusts import averaged_over_gusts, fitted_gusts
 from manoeuvre_nn.diagnosis.locate import Shape, changes, residuals
 from manoeuvre_nn.diagnosis.search import search
 from manoeuvre_nn.diagnosis.windows import EventGrid
@@ -41,22 +41,22 @@ def stand(name: str) -> WhitenedDataSet:
 
 
 @cache
-def gusty() -> tuple[WhitenedDataSet, float]:
+def gusty(memory: float = 30.0) -> tuple[WhitenedDataSet, float]:
     """Three runs in one wind, the gusts of each their own; and the size that these gusts have."""
     made, course = [], []
     for seed, trial in enumerate((CIRCLE, ZIGZAG, PORT)):
-        wind = GustyWind(SHIP, seed=seed, speed=14.0, from_deg=60.0, gust_sd=GUSTS, gust_time_s=30.0)
+        wind = GustyWind(SHIP, seed=seed, speed=14.0, from_deg=60.0, gust_sd=GUSTS, gust_time_s=memory)
         record = sailed([trial], [wind], STEP)[0]
         made.append(run_of(record, NOISE / STEP**0.5, seed))
-        place = torch.tensor(record.time / 30.0 / wind.STEP).long()
+        place = torch.tensor(record.time / memory / wind.STEP).long()
         course.append(GUSTS * wind.gusts[place])
     return whitened_data_set(CALM, made), float(torch.cat(course).std())
 
 
 @cache
-def found_gusty() -> tuple[MarginalLikelihood, FittedHypothesis, FittedHypothesis]:
+def found_gusty(memory: float = 30.0) -> tuple[MarginalLikelihood, FittedHypothesis, FittedHypothesis]:
     """The runs with gusts, and what is found there with a steady and with a gusty wind."""
-    likelihood = MarginalLikelihood(gusty()[0])
+    likelihood = MarginalLikelihood(gusty(memory)[0])
     steady = single(likelihood, SteadyWind(SHIP), likelihood.evaluate(NONE))
     return likelihood, steady, fitted_gusts(likelihood, steady, GustyWind(SHIP))
 
@@ -111,6 +111,20 @@ def test_about_its_own_states_a_gusty_wind_is_fitted_with_its_gusts():
     assert abs(speed - 14.0) < 2 * there.errors[0] < 4.0 and abs(direction - 60.0) < 2 * there.errors[1] < 3.0
     _, without = at_rest(likelihood.data_set, found)
     assert without.errors[1] > 3 * there.errors[1] and there.best[0] == without.best[0] != found.best[0]
+
+
+@pytest.mark.parametrize("memory", mainly(1, [60.0, 20.0]))
+def test_gusts_are_averaged_over_how_long_they_last(memory):
+    """Those of a minute would be held for smaller ones of half a minute, and these for ones as well known."""
+    likelihood, _, found = found_gusty(memory)
+    there = averaged_over_gusts(*_about_own_states(likelihood.data_set, found))
+    (size, error), (before, too_little) = there.random["gust_sd"], found.random["gust_sd"]
+    names = [p.name for p in there.hypothesis.effects[0].declared]
+    held = dict(zip(names, there.hypothesis.values[0][0], strict=True))
+    assert abs(size - gusty(memory)[1]) < min(error, abs(before - gusty(memory)[1])) and 2 * error < 1.2
+    assert held["gust_sd"] == size and held["gust_time_s"] == approx(memory, rel=0.4)
+    assert error > 1.4 * too_little or memory == 20.0, "what lasts longer is seen less often"
+    assert abs(there.hypothesis.vector()[1] - 60.0) < 2 * there.errors[1] < 4.0
 
 
 @pytest.mark.slow

@@ -71,9 +71,7 @@ def fitted_gusts(likelihood: MarginalLikelihood, steady: FittedHypothesis, gusty
     """
     ship = likelihood.data_set.dynamics.particulars
     wind, kinds = steady.names.index(gusty.variant_of), AT_SEA + ON_PONDS if ship.is_model else AT_SEA
-    levels = [int(g) for g in np.flatnonzero(likelihood.data_set.levels.pairs.max(axis=1) < MAX_PROCESS_BESIDE_GUSTS)]
-    if is_fitted(likelihood.data_set.dynamics):
-        levels = likelihood.data_set.levels.around(steady.best[0])
+    levels = _levels_beside(likelihood.data_set, steady)
     # On ponds gusts are larger than the mean, which four sides do not find either.
     alone = len(steady.names) == 1 and not ship.is_model
     sides = from_four_sides(steady.hypothesis) if alone else []
@@ -137,17 +135,17 @@ def averaged_over_gusts(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> 
         for longer in OTHER_MEMORIES
         for factor in OTHER_SIZES
     ]
-    found = _at_kinds(likelihood, h, wind, kinds, data_set.levels.beside(fitted.best[0]))
+    found = _at_kinds(likelihood, h, wind, kinds, _levels_beside(data_set, fitted))
     weights = softmax([j.evidence for j in found])
     steps = np.array([step_between(h, j.hypothesis) for j in found])
     mean, covariance = mixture(weights, steps, [j.covariance for j in found])
     sizes = np.array([kind.size for kind in kinds])
-    size, best = float(weights @ sizes), kinds[int(weights.argmax())]
+    size, memory = float(weights @ sizes), float(np.exp(weights @ np.log([kind.memory for kind in kinds])))
     moved = h.within_bounds(h.vector() + mean)
     effect, values = h.effects[wind], list(moved.values)
     names = [p.name for p in effect.declared]
     values[wind] = values[wind].copy()
-    for name, value in zip(effect.random, (size, best.memory, best.across), strict=True):
+    for name, value in zip(effect.random, (size, memory, usual.across), strict=True):
         values[wind][:, names.index(name)] = value
     return replace(
         fitted,
@@ -202,6 +200,13 @@ def _at_kinds(
         known = {g: likelihood.regress(gram[k], norm[k], hypothesis) for k, g in enumerate(levels)}
         found.append(likelihood.over_levels(hypothesis, known, prior))
     return found
+
+
+def _levels_beside(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> list[int]:
+    """Levels of the process noise that gusts are tried beside: small ones, or those about a fitted model's."""
+    if is_fitted(data_set.dynamics):
+        return data_set.levels.around(fitted.best[0])
+    return [int(g) for g in np.flatnonzero(data_set.levels.pairs.max(axis=1) < MAX_PROCESS_BESIDE_GUSTS)]
 
 
 def _gusts_of(hypothesis: Hypothesis) -> tuple[int, _Gusts]:
