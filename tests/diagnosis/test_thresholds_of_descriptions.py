@@ -21,6 +21,7 @@ from manoeuvre_nn.diagnosis.unknown import ReceiverWander
 from manoeuvre_nn.effect.common import RAMP
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.formula import Formula
+from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, ProcessLevels
 
@@ -120,14 +121,17 @@ def test_a_formula_pays_for_its_choice_and_twelve_if_a_calm_water_model_could_ha
 
 def test_something_unknown_is_averaged_over_noise_near_calm_waters_and_its_formula_is_half_of_it():
     """Equal evidence at every level of the grid: eleven levels near, of those that there are."""
-    scatters = 5
+    data_set = SimpleNamespace(levels=PROCESS_LEVELS, runs=instruments(1.0).runs, dynamics=CALM)
     likelihood = SimpleNamespace(
-        data_set=SimpleNamespace(levels=PROCESS_LEVELS, runs=instruments(1.0).runs),
-        posterior=lambda h, g: SimpleNamespace(evidence=np.full(scatters, 7.0)),
+        data_set=data_set, posterior=lambda h, g: SimpleNamespace(evidence=np.full(len(COEFFICIENT_SD_LEVELS), 7.0))
     )
     inside, corner = fitted(0.0, best=(PROCESS_LEVELS.point(1, 1), 0)), fitted(0.0, best=(0, 0))
     assert unknown.unknown_evidence(likelihood, inside, None) == approx(7.0 + np.log(11 / len(PROCESS_LEVELS) / 2))
     assert unknown.unknown_evidence(likelihood, corner, None) == approx(7.0 + np.log(6 / len(PROCESS_LEVELS) / 2))
+    exact = np.where(np.arange(len(COEFFICIENT_SD_LEVELS)) == 0, 7.0, -np.inf)
+    there = SimpleNamespace(data_set=data_set, posterior=lambda h, g: SimpleNamespace(evidence=exact))
+    rare = 6.0 + np.log(6 / len(PROCESS_LEVELS) / 2)
+    assert unknown.unknown_evidence(there, corner, None) < rare, "coefficients are as seldom exact as in calm water"
     with_rule = unknown.unknown_evidence(likelihood, inside, fitted(9.0))
     assert with_rule == approx(np.log(np.exp(7.0) * 11 / len(PROCESS_LEVELS) + np.exp(9.0)) - np.log(2))
 
