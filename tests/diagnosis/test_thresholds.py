@@ -155,7 +155,10 @@ CLAIMED = [
       "current + heading_bias": 30.0, "current": 20.0, "heading_bias": 21.0, "rudder_offset": 30.0}, -9.0, None,
      [("current", "log_scale", "heading_bias"), ("log_scale", "heading_bias"), ("current", "log_scale"),
       ("current", "heading_bias"), ("heading_bias",)]),
-    ({"current + log_scale": 25.9, "current": 20.0}, -9.0, None, [("current",)]),
+    # One effect more that two effects' base rates make likelier, though its gain may be chance, is asked first.
+    ({"current + log_scale": 25.9, "current": 20.0}, -9.0, None, [("current", "log_scale"), ("current",)]),
+    ({"current + log_scale": 21.1, "current": 20.0}, -9.0, None, [("current", "log_scale"), ("current",)]),
+    ({"current + log_scale": 20.8, "current": 20.0}, -9.0, None, [("current",)]),
     # A rival is put to the proof beside its best part; what its last effect adds by chance is no rival.
     ({"log_scale + heading_bias": 44.4, "heading_bias": 31.0, "current + rudder_offset": 44.0, "current": 37.8}, -9.0,
      None, [("log_scale", "heading_bias"), ("current", "rudder_offset"), ("heading_bias",), ("current",)]),

@@ -332,7 +332,7 @@ def base_rate(size: int, effects: int) -> float:
 def _claims(
     result: SearchResult, best: FittedHypothesis | None, formula: FittedHypothesis | None, strange: bool
 ) -> list[FittedHypothesis]:
-    """The best with a name, it without gusts, its rivals, parts of all these, a formula."""
+    """What others may yet tell of one effect more, the best with a name, it without gusts, rivals, parts, a formula."""
     claims = [] if best is None else [best]
     for size in range(len(best.names) - 1 if best else 0, 0, -1):
         fewer = [j for j in result.fitted if len(j.names) == size and set(j.names) < set(claims[0].names)]
@@ -345,9 +345,18 @@ def _claims(
     for several in rivals:
         parts = [j for j in result.fitted if has_one_less(j, several)]
         claims += [j for j in parts[:1] if all(j is not other for other in claims)]
+    claims[:0] = _nearly(result, best)[:MAX_IN_RACE] if best else []
     if formula is not None and (strange or formula.evidence > result.none.evidence + MIN_GAIN_OF_UNKNOWN):
         claims.append(formula)
     return claims
+
+
+def _nearly(result: SearchResult, best: FittedHypothesis) -> list[FittedHypothesis]:
+    """Hypotheses with one effect more that base rates make likelier: by too little, but held-out runs may add to it."""
+    effects, size = len(effects_tried(result)), len(best.names)
+    least = log(base_rate(size, effects) / base_rate(size + 1, effects)) if size < len(PRIOR_OF_SIZE) else np.inf
+    more = [j for j in result.fitted if len(j.names) == size + 1 and set(best.names) < set(j.names)]
+    return [j for j in more if j.evidence > best.evidence + least and not _event_on_bound(j.hypothesis)]
 
 
 def are_rivals(leading: FittedHypothesis, other: FittedHypothesis) -> bool:
