@@ -10,8 +10,8 @@ from trials import CALM, NOISE, SHIP, run_of
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.case import Case, Question
-from manoeuvre_nn.diagnosis.fits import at_rest, single
-from manoeuvre_nn.diagnosis.gusts import gusty_evidence
+from manoeuvre_nn.diagnosis.fits import at_rest, refine, single
+from manoeuvre_nn.diagnosis.gusts import gusty_evidence, refined_with_gusts
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
@@ -52,7 +52,8 @@ def bayes_factors(question: Question, effect: Effect) -> dict[str, float]:
     def rested(runs):
         likelihood = MarginalLikelihood(whitened_data_set(CALM, runs))
         none = likelihood.evaluate(CALM_WATER)
-        return [at_rest(likelihood.data_set, j) for j in (single(likelihood, effect, none), none)]
+        fit = refined_with_gusts if effect.random else refine
+        return [at_rest(likelihood.data_set, single(likelihood, effect, none), fit), at_rest(likelihood.data_set, none)]
 
     fitted, everywhere = rested(question.case.fitted), rested(question.case.runs)
     found = {}
