@@ -1,5 +1,6 @@
 """A run as linear equations: derivatives by another route, and the likelihood by dense matrices and by a filter."""
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -123,6 +124,20 @@ def test_equations_that_are_kept_give_at_another_size_of_the_process_noise_what_
     close(kept.states(e), new.states(whole), 1e-9)
     assert kept.log_norm == approx(new.log_norm, abs=1e-9)
     assert np.abs(before.dot(before) - e.dot(e)).max() > 1e-3 * np.abs(e.dot(e)).max()
+
+
+@pytest.mark.parametrize("larger", [1.0, 1e7])
+def test_the_root_of_a_steps_precision_makes_its_covariance_one_however_far_the_rudder_pushes(larger):
+    line = short()
+    line = replace(line, rudder_push=larger * line.rudder_push)
+    root, push = run_equations(line, NOISE, FORCE_TIME, SPREAD).root[:, :6, :6], 0.01 * line.rudder_push
+    of_push, of_rounding = np.einsum("kij,kj->ki", root, push), root * (line.states.step_sd * line.run.step**0.5)
+    size = np.einsum("kij,kj->ki", np.linalg.inv(of_rounding), of_push)  # the push over rounding
+    length = np.linalg.norm(size, axis=1)
+    assert np.linalg.norm(of_push, axis=1) == approx(length / np.sqrt(1 + length**2))
+    across = np.eye(6) - size[:, :, None] * size[:, None, :] / length[:, None, None] ** 2
+    close(of_rounding.transpose(0, 2, 1) @ of_rounding @ across, across, 1e-9)
+    assert (length > 1e3).any() == (larger > 1)
 
 
 def test_columns_that_enter_channels_or_steps_alone_are_as_among_others():

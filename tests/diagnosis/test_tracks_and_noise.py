@@ -174,6 +174,15 @@ def test_the_first_guess_of_perfect_channels_is_the_motion():
     assert first_guess(drifting)[5:-5, 0] == approx(states_of(record("current"))[5:-5, 0], abs=0.05), "u by the log"
 
 
+@pytest.mark.parametrize("speed", mainly(1, [8.0, 10.0]))
+def test_a_stream_as_fast_as_the_ship_is_no_drift_of_hers(speed):
+    """Across her way a ship is no calm-water model's: begun there, the smoother finds nothing that sails."""
+    run = sailed([CIRCLE], [Current(SHIP, speed=speed, toward_deg=90.0)])[0]
+    found = placed(run_of(run, NOISE, seed=4)).linearised.track
+    assert np.abs(first_guess(run_of(run))[:, 1]).max() > 0.9 * speed
+    assert (np.abs(found - states_of(run))[:, [0, 2]] < [0.5, 1e-3]).all() and np.abs(found[:, 1]).max() < 2.0
+
+
 @pytest.mark.parametrize("runaway", mainly(1, [2e-3, 4e-3]))
 def test_positions_that_run_away_ahead_of_a_slow_turning_ship_leave_her_underway(runaway):
     tanker = CalmWater(ship_named("esso_190k"))

@@ -350,16 +350,15 @@ def run_equations(
     """
     run, states = linearised.run, linearised.states
     steps, k, sd = len(linearised.transition), states.count, states.step_sd
-    # A step's covariance is that of rounding and of the rudder's noise, Q = diag(step_sd^2 h) + push push^T.
-    push = linearised.rudder_push * run.meta["rudder_noise"]
-    covariance = np.zeros((steps, k, k))
-    covariance[:, range(k), range(k)] = sd**2 * run.step
-    covariance += push[:, :, None] * push[:, None, :]
-    covariance[in_breaks(run.time, run.meta.get("breaks", ()))] = np.diag((AFTER_BREAK * start_sd) ** 2)
+    # A step's covariance is that of rounding and of the rudder's noise, Q = S (1 + q q^T) S, S = diag(step_sd h^1/2),
+    # S q = push. With w^2 = 1 + q^T q, root = (1 - q q^T / (w (w + 1))) S^-1 has root^T root = Q^-1, however large q.
+    rounding = sd * np.sqrt(run.step)
+    q = linearised.rudder_push * run.meta["rudder_noise"] / rounding
+    w = np.sqrt(1 + np.square(q).sum(axis=1))[:, None, None]
     root = np.zeros((steps, states.size, states.size))
-    # root^T root = Q^-1, and the innovations of the process noise.
-    scale = sd[:, None] * sd
-    root[:, :k, :k] = np.linalg.cholesky(np.linalg.inv(covariance / scale)).transpose(0, 2, 1) / sd
+    root[:, :k, :k] = (np.eye(k) - q[:, :, None] * q[:, None, :] / (w * (w + 1))) / rounding
+    root[in_breaks(run.time, run.meta.get("breaks", ())), :k, :k] = np.diag(1 / (AFTER_BREAK * start_sd))
+    # The innovations of the process noise.
     noises = ProcessNoise(process_time, axes=len(states.driven))
     root[:, k:, k:] = noises.steps(np.full(1, run.step))[1]
     # ds_{k+1} - A_k ds_k = ...

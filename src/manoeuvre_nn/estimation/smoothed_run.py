@@ -10,6 +10,7 @@ from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.frames import earth_to_body
 from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.effect.common import TIGHT_TURN
 from manoeuvre_nn.estimation.linear_run import Columns, joined
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, integrated, linearise
 from manoeuvre_nn.estimation.measurement_noise import MIN_SAMPLES, measured_noise
@@ -34,6 +35,9 @@ WHOLE = 0.01
 """How far from a whole number of steps a rounded value may be, over the step."""
 SHAFT = 7
 """Channel of the shaft speed: no state explains it, so its misfit is no outlier."""
+MAX_SWAY = 2 * TIGHT_TURN["v"]
+"""Largest sway velocity over the approach speed that the smoother begins with: more over ground is a stream, through
+which no calm-water model sails sideways."""
 MOTION_POWERS = (0.5, 0.5, -0.5, 1.0, 1.0, 0.0)
 """Exponents of length with which u, v, r, x, y, psi go by Froude's law."""
 
@@ -86,6 +90,7 @@ def smooth(
     shaft = measured(run)[:, SHAFT]
     run = run.with_channels(**{MEASURED[SHAFT]: np.full(len(run), np.nan)})
     track, states, sigma = first_guess(run, kept.own), np.zeros((len(run), kept.size)), noise
+    track[:, 1] = np.clip(track[:, 1], -MAX_SWAY * ship.speed, MAX_SWAY * ship.speed)
     inflation = np.ones(len(channels))
     start_sd = np.r_[ship.sized([2.0, 2.0, 0.01, 20.0, 20.0, 0.2], MOTION_POWERS), kept.own_start_sd(ship)]
     error_sd = ship.sized(KINEMATIC_ERROR_SD, KINEMATIC_ERROR_POWERS)
