@@ -51,7 +51,7 @@ ROUNDS = 3
 MIN_GAIN_OF_ROUND = 0.5
 """Log evidence that one of them must add for the next."""
 OTHER_MEMORIES = (0.5, 1.0, 2.0)
-"""Correlation times over the usual one that sizes are averaged over: gusts at sea last 20 to 60 s, on ponds 3 to 20."""
+"""Correlation times over the usual one that sizes are averaged over: gusts at sea last 20 to 60 s."""
 OTHER_SIZES = tuple(np.exp(np.linspace(-0.75, 0.75, 11)).tolist())
 """Sizes over the one that was found."""
 T = TypeVar("T")
@@ -126,8 +126,11 @@ def averaged_over_gusts(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> 
         fitted: What was found there.
 
     Returns:
-        The same evidence; other values, covariance, corrections, latencies and gusts.
+        The same evidence; other values, covariance, corrections, latencies and gusts. On ponds all is as it was: gusts
+        take up other errors there, the more the shorter they are thought to last.
     """
+    if data_set.dynamics.particulars.is_model:
+        return fitted
     likelihood, h = beside(MarginalLikelihood(data_set), fitted.hypothesis), fitted.hypothesis
     wind, usual = _gusts_of(h)
     kinds = [
