@@ -130,7 +130,7 @@ def test_something_unknown_is_averaged_over_noise_near_calm_waters_and_its_formu
     assert unknown.unknown_evidence(likelihood, corner, None) == approx(7.0 + np.log(6 / len(PROCESS_LEVELS) / 2))
     exact = np.where(np.arange(len(COEFFICIENT_SD_LEVELS)) == 0, 7.0, -np.inf)
     there = SimpleNamespace(data_set=data_set, posterior=lambda h, g: SimpleNamespace(evidence=exact))
-    rare = 6.0 + np.log(6 / len(PROCESS_LEVELS) / 2)
+    rare = 3.0 + np.log(6 / len(PROCESS_LEVELS) / 2)
     assert unknown.unknown_evidence(there, corner, None) < rare, "coefficients are as seldom exact as in calm water"
     with_rule = unknown.unknown_evidence(likelihood, inside, fitted(9.0))
     assert with_rule == approx(np.log(np.exp(7.0) * 11 / len(PROCESS_LEVELS) + np.exp(9.0)) - np.log(2))

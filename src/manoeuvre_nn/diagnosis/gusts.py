@@ -6,7 +6,7 @@ from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Float
-from scipy.special import logsumexp, softmax
+from scipy.special import logsumexp
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.fits import from_four_sides
@@ -17,8 +17,8 @@ from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
-from manoeuvre_nn.estimation.noise_average import step_between
-from manoeuvre_nn.estimation.posterior import Posterior, mixture
+from manoeuvre_nn.estimation.noise_average import weighted_mean
+from manoeuvre_nn.estimation.posterior import Posterior
 from manoeuvre_nn.estimation.process_noise import markov_course, without_course
 from manoeuvre_nn.estimation.relinearise import beside
 
@@ -139,23 +139,17 @@ def averaged_over_gusts(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> 
         for factor in OTHER_SIZES
     ]
     found = _at_kinds(likelihood, h, wind, kinds, _levels_beside(data_set, fitted))
-    weights = softmax([j.evidence for j in found])
-    steps = np.array([step_between(h, j.hypothesis) for j in found])
-    mean, covariance = mixture(weights, steps, [j.covariance for j in found])
+    mixed, weights = weighted_mean(fitted, found)
     sizes = np.array([kind.size for kind in kinds])
     size, memory = float(weights @ sizes), float(np.exp(weights @ np.log([kind.memory for kind in kinds])))
-    moved = h.within_bounds(h.vector() + mean)
-    effect, values = h.effects[wind], list(moved.values)
+    effect, values = h.effects[wind], list(mixed.hypothesis.values)
     names = [p.name for p in effect.declared]
     values[wind] = values[wind].copy()
     for name, value in zip(effect.random, (size, memory, usual.across), strict=True):
         values[wind][:, names.index(name)] = value
     return replace(
-        fitted,
-        hypothesis=replace(moved, values=tuple(values)),
-        covariance=covariance,
-        corrections=sum(w * j.corrections for w, j in zip(weights, found, strict=True)),
-        latencies=sum(w * j.latencies for w, j in zip(weights, found, strict=True)),
+        mixed,
+        hypothesis=replace(mixed.hypothesis, values=tuple(values)),
         random={effect.random[0]: (size, float(np.sqrt(weights @ (sizes - size) ** 2)))},
     )
 

@@ -6,6 +6,7 @@ Source:
     Hoeting, Madigan, Raftery & Volinsky 1999, Bayesian Model Averaging: A Tutorial, Statistical Science 14(4).
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -42,16 +43,32 @@ def averaged(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> FittedHypot
         are averaged over elsewhere.
     """
     found = [_at_time(data_set, fitted, factor * data_set.process_time) for factor in TIMES]
-    weights = softmax([one.evidence for one in found])
-    steps = np.array([step_between(fitted.hypothesis, one.hypothesis) for one in found])
-    mean, covariance = mixture(weights, steps, [one.covariance for one in found])
-    return replace(
+    return weighted_mean(fitted, found)[0]
+
+
+def weighted_mean(
+    fitted: FittedHypothesis, parts: Sequence[FittedHypothesis]
+) -> tuple[FittedHypothesis, Float[np.ndarray, " n"]]:
+    """A fitted hypothesis with the values of several fits of it, weighed by their evidence.
+
+    Args:
+        fitted: It.
+        parts: The same, fitted with other noise.
+
+    Returns:
+        It with mean values, corrections and latencies and the covariance of the mixture; the weights.
+    """
+    weights, h = softmax([one.evidence for one in parts]), fitted.hypothesis
+    steps = np.array([_step(h, one.hypothesis) for one in parts])
+    mean, covariance = mixture(weights, steps, [one.covariance for one in parts])
+    mixed = replace(
         fitted,
-        hypothesis=fitted.hypothesis.within_bounds(fitted.hypothesis.vector() + mean),
+        hypothesis=h.within_bounds(h.vector() + mean),
         covariance=covariance,
-        corrections=sum(w * one.corrections for w, one in zip(weights, found, strict=True)),
-        latencies=sum(w * one.latencies for w, one in zip(weights, found, strict=True)),
+        corrections=weights @ np.array([one.corrections for one in parts]),
+        latencies=weights @ np.array([one.latencies for one in parts]),
     )
+    return mixed, weights
 
 
 def finer(data_set: WhitenedDataSet, time: float) -> WhitenedDataSet:
@@ -85,16 +102,8 @@ def _at_time(data_set: WhitenedDataSet, fitted: FittedHypothesis, time: float) -
     return found
 
 
-def step_between(before: Hypothesis, after: Hypothesis) -> Float[np.ndarray, " m"]:
-    """From the values of one hypothesis to those of another, directions the shorter way round.
-
-    Args:
-        before: One.
-        after: The same at other values.
-
-    Returns:
-        What to add to those of the first.
-    """
+def _step(before: Hypothesis, after: Hypothesis) -> Float[np.ndarray, " m"]:
+    """From the values of one to those of the other, directions the shorter way round."""
     steps = after.vector() - before.vector()
     periods = [f.parameter.period for f in before.unknowns()]
     return np.array([x - (p * round(x / p) if p else 0.0) for x, p in zip(steps.tolist(), periods, strict=True)])
