@@ -165,7 +165,7 @@ def test_the_decision_is_made_on_what_all_priors_say(monkeypatch):
 def test_held_out_runs_are_weighed_with_all_priors_too(monkeypatch):
     likelihood = MarginalLikelihood(stand("wind"))
     wind = likelihood.evaluate(hypothesis(SteadyWind(SHIP, speed=10.0, from_deg=60.0)), around=LEVEL)
-    question = SimpleNamespace(held_out=likelihood, case=SimpleNamespace(held_out=[1], fitted=[]))
+    question = SimpleNamespace(held_out=likelihood, case=SimpleNamespace(held_out=[1], fitted=[]), elsewhere={})
     monkeypatch.setattr(proof, "same_campaigns", lambda fitted, held_out: [0, 1])
     held = replace(wind.hypothesis, fixed=frozenset({"speed", "from_deg"}))
     data_set, there = at_rest(likelihood.data_set, refine(likelihood, held, *wind.best))
@@ -175,3 +175,7 @@ def test_held_out_runs_are_weighed_with_all_priors_too(monkeypatch):
     assert not there.hypothesis.values[0] == approx(wind.hypothesis.values[0])
     np.testing.assert_array_equal(found.hypothesis.values[0], wind.hypothesis.values[0])
     assert found.hypothesis.unknowns() == [] and found.covariance.shape == (0, 0)
+    # What is asked again is not fitted again.
+    monkeypatch.setattr(proof, "at_rest", lambda *_: pytest.fail("fitted again"))
+    again = proof.in_held_out_runs(question, wind)
+    assert again.evidence == found.evidence and np.array_equal(again.covariance, found.covariance)

@@ -1,5 +1,7 @@
 """When events may act: intervals of blocks, what they gain, and the sizes and courses that are tried."""
 
+from unittest.mock import Mock
+
 import numpy as np
 import pytest
 from pytest import approx
@@ -7,9 +9,11 @@ from scipy.special import logsumexp
 from trials import SHIP
 
 from manoeuvre_nn.diagnosis import event_blocks, windows
+from manoeuvre_nn.diagnosis.windows import replaced, times_of
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.wind import WindOnset
-from manoeuvre_nn.estimation.hypothesis import STOPS
+from manoeuvre_nn.estimation.hypothesis import STOPS, Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 
 EDGES = np.arange(0.0, 101.0, 10.0)
 
@@ -105,3 +109,16 @@ def test_main_courses_leave_out_a_hundredth_of_the_squared_forces():
         courses, shares = event_blocks._main_courses(moved, np.ones(3))
         assert courses.shape[-1] == kept
         assert kept == 1 or courses @ shares.T == approx(moved)
+
+
+@pytest.mark.parametrize("deficit, tried", [(19.0, True), (21.0, False)])
+def test_times_that_explain_far_less_before_they_are_fitted_are_not_fitted(monkeypatch, deficit, tried):
+    force = SideForce(SHIP, force_kN=300.0, start_s=50.0, end_s=150.0)
+    there, fits = Hypothesis((force,), (force.values.numpy()[None],)), []
+    score = {50.0: 0.0, 250.0: -deficit}
+    monkeypatch.setattr(windows, "block_columns", lambda *_: None)
+    monkeypatch.setattr(windows, "in_blocks", lambda *_: [None])
+    monkeypatch.setattr(windows, "_sets_of_times", lambda *_, every: [(), ((250.0, 300.0),)])
+    monkeypatch.setattr(windows, "_score", lambda _, h, *at: score[times_of(force, h.values[0][0])[0][0]])
+    likelihood = Mock(spec=MarginalLikelihood, data_set=None, improve=lambda h, *at, rounds: fits.append(h) or (h, 0.0))
+    assert replaced(likelihood, there, 0, 0) is there and bool(fits) is tried

@@ -89,6 +89,17 @@ def test_where_corrected_coefficients_drive_states_away_those_of_published_ones_
     assert (there.by, found.evidence) == (kept, evidence[kept])
 
 
+def test_events_are_placed_about_the_first_new_states_alone(monkeypatch):
+    changes, asked = iter([9.0, 3.0, 0.1]), []
+    monkeypatch.setattr(fits, "MarginalLikelihood", lambda data_set: SimpleNamespace(data_set=data_set))
+    monkeypatch.setattr(fits, "beside", lambda likelihood, h: likelihood)
+    monkeypatch.setattr(fits, "refined", lambda data_set, j, is_corrected: data_set)
+    monkeypatch.setattr(fits, "change_of_states", lambda *_: next(changes))
+    monkeypatch.setattr(fits, "refine", lambda *_, placing: asked.append(placing) or NOTHING)
+    at_rest(SimpleNamespace(), NOTHING)
+    assert asked == [True, False]
+
+
 def test_a_late_receiver_is_late_with_what_its_antenna_shows():
     """The antenna's own way in a turn belongs to a delay: x = x0 + a cos psi, vn = vn0 - a r sin psi."""
     arm = LeverArm(SHIP, dx_m=40.0)

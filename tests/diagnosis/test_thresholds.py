@@ -307,6 +307,7 @@ def test_effects_within_nine_of_twice_the_log_evidence_are_reported_together(mon
     ([[]], {RIGHT_SHIP, checks.LEFT, REPAIRED_SAILS}, False),
     ([[0, 1]], {RIGHT_SHIP, checks.LEFT}, False),
     ([[]], {RIGHT_SHIP, checks.FORM}, False),  # a large effect of another form changes all coefficients
+    ([[]], {checks.FORM}, True),
     ([], {REPAIRED_SAILS}, False),
 ])  # fmt: skip
 def test_what_is_only_the_nearest_to_something_else_is_told_by_two_or_three_tests_of_events_alone_by_one(

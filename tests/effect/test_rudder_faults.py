@@ -172,3 +172,21 @@ def test_what_a_rudder_does_too_little_heels_too_little_too(build):
     of_unit = torch.cat(ship.added(force, heeling), dim=-1)
     expected = (rates(1.0, Formula(ship, ["rudder to starboard"], w1=1e-3)) - rates(1.0)) / 1e-3
     torch.testing.assert_close(of_unit, expected[:, [0, 1, 2, *range(6, len(moving))][: of_unit.shape[-1]]], **exact)
+
+
+@pytest.mark.parametrize("name", ["rudder_backlash", "rudder_slow", "rudder_offset"])
+@pytest.mark.parametrize("kept", [1, 40])
+def test_a_blade_over_many_times_at_once_is_where_it_is_one_time_after_another(name, kept):
+    """Orders that change at every time, and after 40; times of no length, too."""
+    generator = torch.Generator().manual_seed(kept)
+    order, shown, elapsed = (torch.rand(6, 200, generator=generator).double() for _ in range(3))
+    order = (order[:, ::kept].repeat_interleave(kept, dim=-1) - 0.5).clone()
+    elapsed = elapsed * (elapsed > 0.2)
+    effect = made(name, "mariner")
+    effect = effect.at(torch.linspace(0.2, 2.5, 6).double()[:, None, None])
+    start = torch.full((6, 1), 0.1).double()
+    found = effect.blade_in_turn(start, order, shown - 0.5, elapsed)
+    assert found.numpy() == pytest.approx(
+        Effect.blade_in_turn(effect, start, order, shown - 0.5, elapsed).numpy(), abs=1e-14
+    )
+    assert found.shape == (6, 200) and float(found.std()) > 0.01

@@ -22,7 +22,8 @@ from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.effect.current import SPEED
 from manoeuvre_nn.effect.rudder import RudderDelay, RudderOffset
 from manoeuvre_nn.effect.sensors import LeverArm
-from manoeuvre_nn.estimation.data_set import whitened_data_set
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet, whitened_data_set
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.recording.check.checks import COLUMNS, check_over_ground, check_sampling
 from manoeuvre_nn.recording.check.weighed import Bounds
@@ -110,6 +111,10 @@ class Question:
     workers: int = 1
     remainder: bool = False
     caveat: str = ""
+    elsewhere: dict[int, tuple[FittedHypothesis, WhitenedDataSet, FittedHypothesis, Hypothesis]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    """By its id a hypothesis, the held-out runs about it, it fitted to them, and at its values (:mod:`.proof`)."""
 
     @cached_property
     def held_out(self) -> MarginalLikelihood:

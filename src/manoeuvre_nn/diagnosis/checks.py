@@ -37,10 +37,11 @@ def only_nearest(claim: FittedHypothesis, checks: Sequence[Check]) -> str:
         checks: Tests that it was put to.
 
     Returns:
-        Empty, but in three cases. Its numbers are at an end of what is possible, and beside it coefficients would have
+        Empty, but in four cases. Its numbers are at an end of what is possible, and beside it coefficients would have
         to be another ship's. They are, or its formula is off what is published, as much is left of the missing force as
         in calm water, and free runs of held-out manoeuvres miss by more than is unknown. Or they miss so, and all of it
-        are events: with times of their own in every run these come near to any force.
+        are events: with times of their own in every run these come near to any force. Or its formula is off what is
+        published, and coefficients need not be: they are where an effect is large and of another form.
     """
     failed = {check.name for check in checks if not check.passed}
     if {ON_BOUNDS, RIGHT_SHIP} <= failed:
@@ -49,6 +50,8 @@ def only_nearest(claim: FittedHypothesis, checks: Sequence[Check]) -> str:
         return "its numbers are at an end of what is possible or published, and as much is left as in calm water"
     if REPAIRED_SAILS in failed and claim.names and all(effect.timed for effect in claim.hypothesis.effects):
         return ANY_FORCE
+    if FORM in failed and RIGHT_SHIP not in failed:
+        return "its formula is not as published, though this ship's coefficients may be"
     return ""
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from itertools import product
 from math import inf
 
@@ -100,7 +101,12 @@ def from_four_sides(alone: Hypothesis) -> list[Hypothesis]:
 
 
 def refine(
-    likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int, scatter: int, min_evidence: float = -inf
+    likelihood: MarginalLikelihood,
+    hypothesis: Hypothesis,
+    level: int,
+    scatter: int,
+    min_evidence: float = -inf,
+    placing: bool = True,
 ) -> FittedHypothesis:
     """Fit to the end, at the noise levels that the hypothesis itself leaves.
 
@@ -110,6 +116,7 @@ def refine(
         level: Level of the process noise to begin with.
         scatter: Level of the coefficients' standard deviation to begin with.
         min_evidence: Evidence below which it is not worked on.
+        placing: Whether events are tried at times far from theirs.
 
     Returns:
         What came out.
@@ -117,7 +124,7 @@ def refine(
     hypothesis, _ = beside(likelihood, hypothesis).improve(hypothesis, level, scatter)
     there = beside(likelihood, hypothesis)
     fitted = there.evaluate(hypothesis, around=level)
-    if fitted.evidence > min_evidence:
+    if placing and fitted.evidence > min_evidence:
         # As long as an event has no time anywhere, coefficients that are off by far are called for in its place.
         noise = (level, scatter) if _unplaced(fitted.hypothesis) else fitted.best
         elsewhen = replaced(there, fitted.hypothesis, *noise)
@@ -160,7 +167,7 @@ def _unplaced(hypothesis: Hypothesis) -> bool:
 
 
 def at_rest(
-    data_set: WhitenedDataSet, fitted: FittedHypothesis, fit: Fit = refine
+    data_set: WhitenedDataSet, fitted: FittedHypothesis, fit: Fit | None = None
 ) -> tuple[WhitenedDataSet, FittedHypothesis]:
     """A hypothesis about its own states, linearised until they rest.
 
@@ -171,7 +178,7 @@ def at_rest(
     Args:
         data_set: The runs about other states.
         fitted: What was found there.
-        fit: How it is fitted about new states.
+        fit: How it is fitted about new states; None is :func:`refine`, and places events about the first ones alone.
 
     Returns:
         The runs about its states, and the hypothesis fitted to them.
@@ -187,7 +194,7 @@ def at_rest(
 
 
 def _passes(
-    data_set: WhitenedDataSet, fitted: FittedHypothesis, fit: Fit, corrected: bool = True
+    data_set: WhitenedDataSet, fitted: FittedHypothesis, fit: Fit | None, corrected: bool = True
 ) -> tuple[WhitenedDataSet, FittedHypothesis, list[float]]:
     """Linearise about the states by corrected or published coefficients until they rest.
 
@@ -200,7 +207,8 @@ def _passes(
         moved.append(change_of_states(data_set, there, fitted.best[0]))
         if moved[-1] < STATES_AT_REST:
             break
-        data_set, fitted = there, fit(MarginalLikelihood(there), fitted.hypothesis, *fitted.best)
+        refit = fit or partial(refine, placing=len(moved) == 1)
+        data_set, fitted = there, refit(MarginalLikelihood(there), fitted.hypothesis, *fitted.best)
     return data_set, fitted, moved
 
 

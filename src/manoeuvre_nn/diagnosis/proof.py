@@ -80,14 +80,30 @@ def in_held_out_runs(
         what was looked for in a run is no gain. In its evidence errors of coefficients may go together in any way
         (:func:`.gain_by_coefficient_priors`). Without held-out runs its evidence is 0.
     """
-    found = fitted.hypothesis
-    declared = [p for e in found.effects for p in e.declared if not p.per_run]
-    elsewhere = found.in_other_runs(same_campaigns(question.case.fitted, question.case.held_out))
-    elsewhere = replace(elsewhere, fixed=frozenset(p.name for p in declared))
     if not question.case.held_out:
-        return replace(fitted, hypothesis=elsewhere, evidence=0.0)
+        return replace(fitted, hypothesis=_elsewhere(question, fitted), evidence=0.0)
+    if id(fitted) not in question.elsewhere:
+        question.elsewhere[id(fitted)] = fitted, *_placed(question, fitted)
+    _, data_set, there, elsewhere = question.elsewhere[id(fitted)]
+    evidence = _log_evidence(data_set, there) if known is None else _given(known, fitted, data_set, elsewhere)
+    data_set.release()
+    times = [k for k, f in enumerate(there.hypothesis.unknowns()) if f.parameter.per_run]
+    return replace(there, hypothesis=elsewhere, covariance=there.covariance[np.ix_(times, times)], evidence=evidence)
+
+
+def _elsewhere(question: Question, fitted: FittedHypothesis) -> Hypothesis:
+    """What was found, in the held-out runs at its values: nothing but times is free."""
+    elsewhere = fitted.hypothesis.in_other_runs(same_campaigns(question.case.fitted, question.case.held_out))
+    fixed = frozenset(p.name for e in elsewhere.effects for p in e.declared if not p.per_run)
+    return replace(elsewhere, fixed=fixed)
+
+
+def _placed(question: Question, fitted: FittedHypothesis) -> tuple[WhitenedDataSet, FittedHypothesis, Hypothesis]:
+    """The held-out runs about the states of what was found, it fitted to them, and its values with events placed."""
+    elsewhere = _elsewhere(question, fitted)
+    declared = [p for e in elsewhere.effects for p in e.declared if not p.per_run]
     held, starts = frozenset(p.name for p in declared if not p.form), [elsewhere]
-    if any(e.timed for e in found.effects) and any(p.form for p in declared):
+    if any(e.timed for e in elsewhere.effects) and any(p.form for p in declared):
         # Before events have their place, uncertain parts of a formula may give way to what these do.
         starts.append(refine(question.held_out, elsewhere, *fitted.best).hypothesis)
     begun = [refine(question.held_out, replace(start, fixed=held), *fitted.best) for start in starts]
@@ -95,12 +111,9 @@ def in_held_out_runs(
         (at_rest(question.held_out.data_set, b) for b in begun), key=lambda rested: rested[1].evidence
     )
     # Predictions are made with formulas as the fitted runs have them.
-    times = [k for k, f in enumerate(there.hypothesis.unknowns()) if f.parameter.per_run]
-    both = zip(found.effects, there.hypothesis.values, elsewhere.values, strict=True)
+    both = zip(elsewhere.effects, there.hypothesis.values, elsewhere.values, strict=True)
     mixed = tuple(np.where([p.per_run for p in e.declared], placed, before) for e, placed, before in both)
-    covariance, elsewhere = there.covariance[np.ix_(times, times)], replace(elsewhere, values=mixed)
-    evidence = _log_evidence(data_set, there) if known is None else _given(known, fitted, data_set, elsewhere)
-    return replace(there, hypothesis=elsewhere, covariance=covariance, evidence=evidence)
+    return data_set, there, replace(elsewhere, values=mixed)
 
 
 def _given(known: WhitenedDataSet, fitted: FittedHypothesis, data_set: WhitenedDataSet, elsewhere: Hypothesis) -> float:

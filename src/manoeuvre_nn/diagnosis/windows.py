@@ -38,6 +38,8 @@ SAME_TIME = 15.0
 """Difference of times below which two sets of times lead to one fit [s]."""
 MIN_GAIN = 0.5
 """Log evidence that other times must gain."""
+MAX_DEFICIT = 20.0
+"""Log evidence by which other times may lie behind before they are fitted: of a thousand, one in a hundred wins."""
 
 
 class EventGrid:
@@ -127,6 +129,8 @@ def replaced(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int,
             for run, times in trial_times.items():
                 write_times(effect, trial.values[k][run], times)
             if not trial.fixed and np.isinf(trial.values[k][:, effect.timed]).all():
+                continue
+            if _score(likelihood, trial, level, scatter) < score - MAX_DEFICIT:
                 continue
             trial, _ = likelihood.improve(trial, level, scatter, rounds=4)
             there = _score(likelihood, trial, level, scatter)

@@ -5,6 +5,7 @@ Angles are positive to starboard, as everywhere in the package.
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from itertools import pairwise
 from math import pi
 from typing import ClassVar
 
@@ -68,7 +69,27 @@ class RudderBacklash(_RudderEffect):
     def blade(self, before: PerRow, order: PerRow, shown: PerRow, elapsed: PerRow) -> PerRow:
         """The angle before, pushed to within half the play of the indicated one."""
         half = 0.5 * self.angle("width_deg")
-        return torch.minimum(torch.maximum(before, shown - half), shown + half)
+        return torch.clamp(before, shown - half, shown + half)
+
+    def blade_in_turn(
+        self,
+        start: Float[Tensor, "rows 1"],
+        order: Float[Tensor, "rows n"],
+        shown: Float[Tensor, "rows n"],
+        elapsed: Float[Tensor, "rows n"],
+    ) -> Float[Tensor, "rows n"]:
+        """The same angles; one clamp after another is a clamp, so that twice as many are put together in every round.
+
+        Returns:
+            Blade angles [rad].
+        """
+        half = 0.5 * self.angle("width_deg")
+        low, high, reach = shown - half, shown + half, 1
+        while reach < shown.shape[-1]:
+            both = (torch.clamp(a[:, :-reach], low[:, reach:], high[:, reach:]) for a in (low, high))
+            low, high = (torch.cat([a[:, :reach], b], dim=-1) for a, b in zip((low, high), both, strict=True))
+            reach *= 2
+        return torch.clamp(start, low, high)
 
 
 class RudderSlow(_RudderEffect):
@@ -92,7 +113,26 @@ class RudderSlow(_RudderEffect):
     def blade(self, before: PerRow, order: PerRow, shown: PerRow, elapsed: PerRow) -> PerRow:
         """The angle before, moved towards the order; exact while the order is constant."""
         reach = self.angle("rate_deg_s") * elapsed
-        return before + torch.minimum(torch.maximum(order - before, -reach), reach)
+        return before + torch.clamp(order - before, -reach, reach)
+
+    def blade_in_turn(
+        self,
+        start: Float[Tensor, "rows 1"],
+        order: Float[Tensor, "rows n"],
+        shown: Float[Tensor, "rows n"],
+        elapsed: Float[Tensor, "rows n"],
+    ) -> Float[Tensor, "rows n"]:
+        """The same angles, from one change of the order to the next at once.
+
+        Returns:
+            Blade angles [rad].
+        """
+        changes = ((order[:, 1:] != order[:, :-1]).any(dim=0).nonzero()[:, 0] + 1).tolist()
+        angles = [start]
+        for begin, end in pairwise([0, *changes, order.shape[-1]]):
+            since = elapsed[:, begin:end].cumsum(dim=-1)
+            angles.append(self.blade(angles[-1][:, -1:], order[:, begin:end], shown[:, begin:end], since))
+        return torch.cat(angles[1:], dim=-1)
 
 
 class RudderSaturation(_RudderEffect):

@@ -239,15 +239,15 @@ def _followed(acting: Effect, order: Tensor, lead: Tensor, step: Tensor, shown: 
     # Where a new order came within the step it is cut there: the old order first, then the new one.
     came = lead > 0
     before = torch.cat([shown[:, :1], shown[:, :-1]], dim=-1)
-    parts = (held, torch.where(came, before, shown), (1 - lead) * step, order, shown, lead * step, came)
-    first, *rest = zip(*(p.split(1, dim=-1) for p in parts), strict=True)
-    angles = [acting.blade(shown[:, :1], first[3], shown[:, :1], 0 * step).expand(step.shape)]
-    for (old, seen, elapsed, new, now, left, cut), some in zip(rest, came.any(dim=0).tolist()[1:], strict=True):
-        angle = acting.blade(angles[-1], old, seen, elapsed).expand(step.shape)
-        if some:
-            angle = torch.where(cut, acting.blade(angle, new, now, left).expand(step.shape), angle)
-        angles.append(angle)
-    return torch.cat(angles, dim=-1)
+    first = torch.where(came, before, shown)
+    pieces = (held, torch.where(came, order, held)), (first, shown), ((1 - lead) * step, lead * step)
+    # Where none came in any row a step is one piece; where one did, it lasts no time in the others and changes nothing.
+    taken = torch.stack([torch.ones_like(came[0]), came.any(dim=0)], dim=-1)
+    taken[0] = False
+    in_turn = (torch.stack([p.expand_as(shown) for p in both], dim=-1)[:, taken] for both in pieces)
+    start = acting.blade(shown[:, :1], order[:, :1], shown[:, :1], 0 * step).expand(step.shape)
+    angles = acting.blade_in_turn(start, *in_turn)
+    return torch.cat([start, angles[:, taken.sum(dim=-1)[1:].cumsum(dim=0) - 1]], dim=-1)
 
 
 def own_states(acting: Effect, s: Situation, rows: int, step: float) -> Float[Tensor, "rows n m"]:
