@@ -20,6 +20,7 @@ from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current
+from manoeuvre_nn.effect.roll import RollCoupling
 from manoeuvre_nn.effect.rudder import RudderDelay, RudderOffset
 from manoeuvre_nn.effect.sensors import LeverArm
 from manoeuvre_nn.manoeuvre.turning import turning_circle
@@ -222,6 +223,23 @@ def test_a_rudder_of_the_other_sign_in_some_runs_is_refused(tmp_path, manoeuvres
     assert all_checked(tmp_path / "right", right) == [()] * len(right)
     with pytest.raises(InputError, match="rudder sign opposite to the turn"):
         all_checked(tmp_path / "wrong", [turned_round(t) if k in which else t for k, t in enumerate(right)])
+
+
+def test_a_ship_that_comes_round_against_her_rudder_in_a_zigzag_is_no_other_sign(tmp_path):
+    """By a heel that turns her: of the other sign the rudder would have been put over at 10 deg of heading."""
+    approached = replace(zigzag(10.0, duration=520.0), stages=(Stage(0.0, hold=60.0), *zigzag(10.0).stages))
+    with unchecked():
+        (run,) = roll_out(Vessel(CalmWater(SHIP), [RollCoupling(SHIP, N_phi=-0.26)]), [approached], step=2.0)
+    write_runs(tmp_path, {"r0": table_of(run, 20)})
+    measured = read_measured(tmp_path / "r0.csv", read_mapping(CONCEALED), SHIP.particulars, leave_gaps=True)
+    measured, bounds = over_ground(measured, SHIP.particulars), replace(SHELF, rudder_delay=0.0)
+    for kind in (None, "tc10"):
+        told = replace(measured, meta={**measured.meta, **({"kind": kind} if kind else {})})
+        with pytest.raises(InputError, match="rudder sign opposite to the turn"):
+            check_over_ground([told], SHIP.particulars, bounds=bounds)
+    zigzagged = replace(measured, meta={**measured.meta, "kind": "zz10"})
+    ((said,),) = check_over_ground([zigzagged], SHIP.particulars, bounds=bounds)
+    assert "in a zigzag of the other sign it would have been put over long before" in said
 
 
 WEAVES = (0, 2)

@@ -89,6 +89,23 @@ def test_where_corrected_coefficients_drive_states_away_those_of_published_ones_
     assert (there.by, found.evidence) == (kept, evidence[kept])
 
 
+@pytest.mark.parametrize("changes, passes", [
+    ((9.0, 8.0, 7.0, 6.0, 5.0, 4.0, 3.5, 3.2, 3.1), 8),
+    ((9.0, 8.0, 4.0, 2.9, 2.8), 4),
+    ((9.0, 8.0, 8.5, 4.0), 3),  # not nearer than before
+    ((9.0, 2.0, 1.0, 0.9), 3),
+    ((9.0, 0.1), 2),
+])  # fmt: skip
+def test_states_far_from_rest_are_followed_as_long_as_they_come_nearer(monkeypatch, changes, passes):
+    asked = []
+    monkeypatch.setattr(fits, "MarginalLikelihood", lambda data_set: SimpleNamespace(data_set=data_set))
+    monkeypatch.setattr(fits, "beside", lambda likelihood, h: likelihood)
+    monkeypatch.setattr(fits, "refined", lambda data_set, j, is_corrected: data_set)
+    monkeypatch.setattr(fits, "change_of_states", lambda *_: asked.append(1) or changes[len(asked) - 1])
+    at_rest(SimpleNamespace(), NOTHING, lambda *_: NOTHING)
+    assert len(asked) == passes
+
+
 def test_events_are_placed_about_the_first_new_states_alone(monkeypatch):
     changes, asked = iter([9.0, 3.0, 0.1]), []
     monkeypatch.setattr(fits, "MarginalLikelihood", lambda data_set: SimpleNamespace(data_set=data_set))

@@ -253,7 +253,8 @@ def _read_run(
             f"{path.name} has {len(run)} rows, the manifest says {entry['rows']}: it was cut off or belongs to another "
             "case"
         )
-    meta = {**run.meta, **{key: entry[key] for key in (CAMPAIGN,) if key in entry}}
+    told = {CAMPAIGN: entry.get(CAMPAIGN), "kind": entry.get("manoeuvre")}
+    meta = {**run.meta, **{key: value for key, value in told.items() if value}}
     return replace(run, name=name, meta=meta)
 
 
@@ -277,8 +278,7 @@ def _case(
     p = hull.particulars
     warmup = numbers(m).get("warmup_s", WARMUP * p.time_unit)
     listed = {entry["run"]: entry for entry in m.get("runs", ())}
-    said = {run.name: listed.get(run.name, {}).get("manoeuvre") or run.meta.get("kind") for run in raw}
-    kinds = {run.name: str(said[run.name] or guess_kind(_even_rudder(run))) for run in raw}
+    kinds = {run.name: str(run.meta.get("kind") or guess_kind(_even_rudder(run))) for run in raw}
     if held_out == AUTO and all(s.name in listed for s in raw):
         split = {s.name: listed[s.name]["split"] == "held_out" for s in raw}
     else:

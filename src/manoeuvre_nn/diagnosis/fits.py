@@ -15,7 +15,15 @@ from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import USUAL_LEVELS, MarginalLikelihood
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
-from manoeuvre_nn.estimation.relinearise import MAX_PASSES, STATES_AT_REST, beside, change_of_states, refined
+from manoeuvre_nn.estimation.relinearise import (
+    FAR_FROM_REST,
+    MAX_FAR_PASSES,
+    MAX_PASSES,
+    STATES_AT_REST,
+    beside,
+    change_of_states,
+    refined,
+)
 
 MAX_FIRST_DEFICIT = 30.0
 """Log evidence by which a candidate may lie behind calm water after its first fit, made at calm water's noise."""
@@ -202,7 +210,7 @@ def _passes(
         The runs about the last states, the hypothesis there, and what states changed by in each pass.
     """
     moved = list[float]()
-    for _ in range(MAX_PASSES):
+    while len(moved) < MAX_PASSES or (FAR_FROM_REST < moved[-1] < moved[-2] and len(moved) < MAX_FAR_PASSES):
         there = refined(data_set, fitted, corrected)
         moved.append(change_of_states(data_set, there, fitted.best[0]))
         if moved[-1] < STATES_AT_REST:

@@ -17,8 +17,10 @@ from manoeuvre_nn.estimation.prepared_run import about_states, base_columns
 from manoeuvre_nn.estimation.smoothed_run import step_share
 from manoeuvre_nn.numerics.finite_algebra import lstsq
 
-MAX_PASSES = 3
-"""Linearisations of one hypothesis at most."""
+MAX_PASSES, MAX_FAR_PASSES = 3, 8
+"""Linearisations of one hypothesis at most: as a rule, and as long as states are far from rest."""
+FAR_FROM_REST = 3.0
+"""Change of a state over its standard error from which linear equations about it say little of the next one."""
 STATES_AT_REST = 0.2
 """Root mean square change of a state over its standard error, from which linearising again would change little."""
 MAX_CORRECTION = 10 * COEFFICIENT_SD_LEVELS[-1]

@@ -22,7 +22,15 @@ from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import CAMPAIGN, Recording
 from manoeuvre_nn.core.units import DEGREE, KNOT
 from manoeuvre_nn.numerics.finite_algebra import lstsq
-from manoeuvre_nn.recording.check.axes import RUDDER_WINDOW, STRONG_EVIDENCE, mistakes, robust_slope
+from manoeuvre_nn.recording.check.axes import (
+    HELD_TURN,
+    RUDDER_WINDOW,
+    STRONG_EVIDENCE,
+    mistakes,
+    robust_slope,
+    rudder_effect,
+    turned_by_held_rudder,
+)
 from manoeuvre_nn.recording.check.finding import Finding
 from manoeuvre_nn.recording.check.motion import smoothed_motion
 from manoeuvre_nn.recording.local_cubics import WINDOW, noise_left, smoothed
@@ -41,6 +49,10 @@ AROUND = 90 * DEGREE
 MAX_NOISE_RATIO = 3.0
 """Difference of two smoothed velocities over what white noise of the samples' size leaves, up to which it is noise: a
 running median of five samples leaves up to 2.4 times as much at low frequencies."""
+ZIGZAGS = ("zz", "zigzag")
+"""How names of zigzags begin."""
+OPEN = 2.0
+"""Standard errors of what a rudder does within which a run leaves its sign open."""
 RUDDER_LAGS = 30
 """Delays to either side at which a late rudder is looked for."""
 TINY = 1e-12
@@ -117,7 +129,16 @@ def weighed(
         if late is not None:
             when = "late" if late > 0 else "early"
             return _note(f"{finding.text}: a rudder written down some {abs(late):.0f} s {when} would explain it")
+        if _no_helmsman_waits(run, ship):
+            return _note(f"{finding.text}: in a zigzag of the other sign it would have been put over long before")
     return finding
+
+
+def _no_helmsman_waits(run: Recording, ship: Particulars) -> bool:
+    """Whether a run is a zigzag in which the ship comes round against a rudder whose movements leave its sign open."""
+    b, error = rudder_effect(run, ship)
+    told = str(run.meta.get("kind", "")).startswith(ZIGZAGS)
+    return told and abs(b) < OPEN * error and turned_by_held_rudder(run, ship) < -HELD_TURN
 
 
 def strong_current(run: Recording, ship: Particulars) -> Finding | None:
