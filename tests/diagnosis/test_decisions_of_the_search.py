@@ -309,6 +309,7 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(
 
     for name, made in {
         "prove": prove, "at_rest": lambda data_set, j: (data_set, j), "averaged": lambda data_set, j: j,
+        "over_directions": lambda data_set, j: j,
         "replace": lambda j, **new: SimpleNamespace(**{**vars(j), **new}) if hasattr(j, "names") else replace(j, **new),
         "in_held_out_runs": lambda question, j, known: SimpleNamespace(
             hypothesis=acting, evidence=7.0 + gains.get(j.names, 0.0)

@@ -6,6 +6,8 @@ from pytest import approx
 from test_hypotheses_judged import ACTING, LEVEL, fitted, hypothesis, stand
 from trials import CALM, CIRCLE, SHIP, ZIGZAG, runs
 
+from manoeuvre_nn.diagnosis import fits
+from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.propulsion import PropellerPitchError
 from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation import noise_average
@@ -105,3 +107,29 @@ def test_the_grid_of_process_noise_is_numbered_row_by_row_and_has_neighbours():
     assert grid.around(4) == list(range(9)) and grid.around(0) == [0, 1, 3, 4] and grid.around(5) == [1, 2, 4, 5, 7, 8]
     assert grid.beside(4) == [1, 3, 4, 5, 7] and grid.beside(8) == [5, 7, 8]
     assert (grid.quiet(8), grid.quiet(6), grid.quiet(1)) == (4, 3, 1) and grid.point(9, 1) == 7
+
+
+@pytest.mark.parametrize("behind, direction, error", [
+    (0.0, 43.0, np.sqrt(1 + 9.0**2)),
+    (4.0, 34.0 + 18.0 / (1 + np.exp(4.0)), np.sqrt(1 + 18.0**2 * np.exp(4.0) / (1 + np.exp(4.0)) ** 2)),
+    (6.0, 34.0, 1.0),
+])  # fmt: skip
+def test_a_wind_that_rests_at_two_directions_is_averaged_over_both(monkeypatch, behind, direction, error):
+    """It is turned by -45, 45 and 180 deg: to where it was, to 52 deg and to what explains far less."""
+    there = {
+        349.0: wind(34.0, 34.5, 9.0, 1.0),
+        79.0: wind(40.0, 52.0, 9.0 - behind, 1.0),
+        214.0: wind(2.0, 200.0, 0.0, 1.0),
+    }
+    monkeypatch.setattr(fits, "refine", lambda _, h, *at, placing: there[h.values[0][0, 1] % 360.0])
+    found = fits.over_directions(stand("wind"), wind(34.0, 34.0, 9.0, 1.0))
+    assert found.hypothesis.vector()[1] == approx(direction) and found.errors[1] == approx(error)
+    assert found.evidence == 9.0
+
+
+def test_a_current_has_one_direction(monkeypatch):
+    """Its effect on a track is linear in north and east."""
+    monkeypatch.setattr(fits, "refine", lambda *_, placing: pytest.fail("fitted again"))
+    current = hypothesis(Current(SHIP, speed=0.5, toward_deg=30.0))
+    found = FittedHypothesis(current, 5.0, np.zeros((1, 1)), np.eye(2))
+    assert fits.over_directions(stand("wind"), found) is found

@@ -18,7 +18,7 @@ from manoeuvre_nn.diagnosis.decision import (
     likelier_than_calm_water,
     settled,
 )
-from manoeuvre_nn.diagnosis.fits import at_rest
+from manoeuvre_nn.diagnosis.fits import at_rest, over_directions
 from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
 from manoeuvre_nn.diagnosis.gusts import averaged_over_gusts, refined_with_gusts
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
@@ -249,7 +249,7 @@ def _put_to_proof(
     """One claim, against calm water's predictions, their error, and its log evidence in the held-out runs."""
     (proofs, before, calm), data_set = calm_water, tried.likelihood.data_set
     known, j = _about_own_states(data_set, claim)
-    j = averaged_over_gusts(known, j) if j.random else averaged(known, j)
+    j = averaged_over_gusts(known, j) if j.random else over_directions(known, averaged(known, j))
     there = in_held_out_runs(question, j, known)
     made = prove(question, j, there.hypothesis, proofs)
     # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.

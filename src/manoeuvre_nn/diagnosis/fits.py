@@ -14,6 +14,7 @@ from manoeuvre_nn.diagnosis.windows import EventGrid, replaced
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import USUAL_LEVELS, MarginalLikelihood
+from manoeuvre_nn.estimation.noise_average import weighted_mean
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 from manoeuvre_nn.estimation.relinearise import (
     FAR_FROM_REST,
@@ -33,6 +34,10 @@ WORSE = 1.0
 """Log density by which the mean over all levels of noise may be less likely than the values that were fitted."""
 PUBLISHED_SD_LEVEL = 2
 """Level of the coefficients' standard deviation that published sets have, 3 %."""
+TURNS = (-45.0, 45.0, 180.0)
+"""How far directions are turned to look for another place where a fit rests [deg]."""
+MAX_OF_OTHER = 5.0
+"""Log evidence by which such a place may lie behind to count for values and standard errors."""
 Fit = Callable[[MarginalLikelihood, Hypothesis, int, int], FittedHypothesis]
 """Likelihood, hypothesis at values nearby, levels of the process noise and of the coefficients -> the fit."""
 
@@ -150,6 +155,40 @@ def refine(
         if fitted.evidence < before.evidence + 0.1:
             return max(before, fitted, key=lambda j: j.evidence)
     return fitted
+
+
+def over_directions(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> FittedHypothesis:
+    """A fitted hypothesis averaged over the directions at which it rests.
+
+    Where the ship turned little while a wind blew, another wind from elsewhere may do as well, if the uncertain parts
+    of its formula give way.
+
+    Args:
+        data_set: The runs about its states.
+        fitted: What was found there.
+
+    Returns:
+        The same evidence; other values and covariance where it rests elsewhere, too.
+    """
+    parts, h, likelihood = [fitted], fitted.hypothesis, MarginalLikelihood(data_set)
+    for k, effect in enumerate(h.effects):
+        turned = [j for j, p in enumerate(effect.declared) if p.period and any(q.form for q in effect.declared)]
+        for j, angle in product(turned, TURNS):
+            values = [v.copy() for v in h.values]
+            values[k][:, j] += angle
+            start, least = replace(h, values=tuple(values)), fitted.evidence - MAX_FIRST_DEFICIT
+            found = refine(likelihood, start, *fitted.best, least, placing=False)
+            near = found.evidence > fitted.evidence - MAX_OF_OTHER and len(found.errors) == len(fitted.errors)
+            if near and all(_apart(found, other, k, j) for other in parts):
+                parts.append(found)
+    return weighted_mean(fitted, parts)[0] if len(parts) > 1 else fitted
+
+
+def _apart(found: FittedHypothesis, other: FittedHypothesis, effect: int, column: int) -> bool:
+    """Whether a direction of two fits differs by more than two standard errors: these are two places."""
+    at = next(i for i, f in enumerate(found.hypothesis.unknowns()) if (f.effect, f.column) == (effect, column))
+    difference = found.hypothesis.vector()[at] - other.hypothesis.vector()[at]
+    return bool(abs((difference + 180.0) % 360.0 - 180.0) > 2 * max(found.errors[at], other.errors[at]))
 
 
 def exchanged(likelihood: MarginalLikelihood, best: FittedHypothesis, number: int, other: Effect) -> FittedHypothesis:
