@@ -135,7 +135,11 @@ def _decided(question: Question, tried: SearchResult) -> "tuple[Decision, Proved
         verdict = verdict.with_held_out(*(in_held_out_runs(question, j, known).evidence for j in asked))
     ship = right_ship_check(tried, verdict.formula)
     chosen, proofs, checks = _proved(question, tried, verdict.claims, ship)
-    if verdict.best is None or set(chosen.names) != set(verdict.best.names):
+    named = verdict.best is not None and set(chosen.names) == set(verdict.best.names)
+    if named and verdict is not as_fitted and any(c.name == REPAIRED_SAILS and not c.passed for c in checks):
+        # Fitted runs call it unknown: held-out ones bear out its name only if they are sailed with it.
+        named, (chosen, proofs, checks) = False, _proved(question, tried, as_fitted.claims, ship)
+    if not named:
         verdict = as_fitted  # a name that failed the proof makes the unknown no less likely
     if not verdict.mismatch(chosen):
         if verdict.best is not None and verdict.named and _outweighed(question, tried, verdict.best):
