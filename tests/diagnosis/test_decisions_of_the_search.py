@@ -324,7 +324,7 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(
         monkeypatch.setattr(proving, name, made)
     failed = {claims[0].names: [Check(name, False, "") for name in poor if name != REPAIRED_SAILS]}
     monkeypatch.setattr(proving.checking, "checks", lambda _, j: failed.get(j.names, []))
-    asked, tried = Mock(workers=1, case=Mock(held_out=[1])), SimpleNamespace(likelihood=Mock(), none=none)
+    asked, tried = Mock(workers=1, case=Mock(held_out=[1], fitted=[1])), SimpleNamespace(likelihood=Mock(), none=none)
     return proving._proved(asked, tried, claims, Check(RIGHT_SHIP, RIGHT_SHIP not in poor, ""))
 
 

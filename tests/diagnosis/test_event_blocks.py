@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from pytest import approx
 from scipy.special import logsumexp
+from test_decisions_of_the_search import fit, proved, proving
 from trials import SHIP
 
+from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis import event_blocks, windows
 from manoeuvre_nn.diagnosis.windows import replaced, times_of
+from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.wind import WindOnset
 from manoeuvre_nn.estimation.hypothesis import STOPS, Hypothesis
@@ -122,3 +125,27 @@ def test_times_that_explain_far_less_before_they_are_fitted_are_not_fitted(monke
     monkeypatch.setattr(windows, "_score", lambda _, h, *at: score[times_of(force, h.values[0][0])[0][0]])
     likelihood = Mock(spec=MarginalLikelihood, data_set=None, improve=lambda h, *at, rounds: fits.append(h) or (h, 0.0))
     assert replaced(likelihood, there, 0, 0) is there and bool(fits) is tried
+
+
+@pytest.mark.parametrize("start, end, acts", [
+    (50.0, 150.0, True), (50.0, np.inf, True), (np.inf, np.inf, False), (150.0, 50.0, False), (400.0, np.inf, False)
+])  # fmt: skip
+def test_an_event_that_has_no_time_in_any_run_or_none_before_it_ends_acts_in_none(start, end, acts):
+    force, current = SideForce(SHIP, start_s=start, end_s=end), Current(SHIP)
+    values = tuple(np.tile(e.values.numpy(), (2, 1)) for e in (force, current))
+    values[0][1, force.timed] = np.inf
+    runs = [Mock(spec=Recording, time=np.array([0.0, 300.0]))] * 2
+    assert windows.acting(Hypothesis((force, current), values), runs) == [acts, True]
+
+
+@pytest.mark.usefixtures("unchecked_types")
+def test_what_acts_nowhere_about_its_own_states_is_taken_from_a_claim(monkeypatch):
+    """An event of seconds may end before it begins once its times are averaged."""
+    left = fit(120.0, "current")
+    left.corrections = np.ones(1)
+    monkeypatch.setattr(proving, "acting", lambda h, runs: [False, True] if h.effects else [True])
+    monkeypatch.setattr(proving, "MarginalLikelihood", lambda data_set: data_set)
+    monkeypatch.setattr(proving, "refine", lambda likelihood, h, *best: left)
+    gains = {("current",): 20.0, ("current", "log_scale"): 20.0}
+    chosen, _, _ = proved(monkeypatch, [fit(130.0, "current", "log_scale")], gains, {})
+    assert chosen.names == ("current",)

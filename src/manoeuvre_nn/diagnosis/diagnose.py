@@ -18,7 +18,7 @@ from manoeuvre_nn.diagnosis.decision import (
     likelier_than_calm_water,
     settled,
 )
-from manoeuvre_nn.diagnosis.fits import at_rest, over_directions
+from manoeuvre_nn.diagnosis.fits import at_rest, over_directions, refine
 from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
 from manoeuvre_nn.diagnosis.gusts import averaged_over_gusts, refined_with_gusts
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
@@ -29,6 +29,7 @@ from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
 from manoeuvre_nn.diagnosis.result import GAIN, USABLE_MODEL, Cause, Check, Diagnosis, Proof, Residual, rmse
 from manoeuvre_nn.diagnosis.right_ship import right_ship_check
 from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SECOND, Progress, SearchResult, search
+from manoeuvre_nn.diagnosis.windows import acting
 from manoeuvre_nn.diagnosis.words import (
     labels,
     left_open,
@@ -254,6 +255,9 @@ def _put_to_proof(
     (proofs, before, calm), data_set = calm_water, tried.likelihood.data_set
     known, j = _about_own_states(data_set, claim)
     j = averaged_over_gusts(known, j) if j.random else over_directions(known, averaged(known, j))
+    silent = [k for k, acts in enumerate(acting(j.hypothesis, question.case.fitted)) if not acts]
+    if silent and len(j.names) > 1:  # an event that ends before it begins: what is left was found
+        j = averaged(known, refine(MarginalLikelihood(known), j.hypothesis.without(silent[0]), *j.best))
     there = in_held_out_runs(question, j, known)
     made = prove(question, j, there.hypothesis, proofs)
     # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.
@@ -267,7 +271,7 @@ def _put_to_proof(
         after = _after(question, made)
     enough = claim.evidence - tried.none.evidence + gain > least_gain(claim)
     better = gain > least and after <= most
-    tested = bool(made) and _acts(there.hypothesis)
+    tested = bool(made) and any(acting(there.hypothesis, question.case.held_out))
     foretold = enough and (better or not tested)
     # Small errors of its state take free runs of a ship that is unstable on course far from any recording, whatever
     # the model: the likelihood of the recording does not suffer from that.
@@ -287,12 +291,6 @@ def _put_to_proof(
 def least_gain(claim: FittedHypothesis) -> float:
     """Least log Bayes factor over calm water that a claim must have in fitted and held-out runs together."""
     return MIN_GAIN_OF_NAMED + MIN_GAIN_OF_SECOND * (len(claim.names) - 1)
-
-
-def _acts(hypothesis: Hypothesis) -> bool:
-    """Whether any effect acts in the runs: an event may have none there."""
-    each = zip(hypothesis.values, hypothesis.effects, strict=True)
-    return any(not effect.timed or np.isfinite(values[:, effect.timed]).any() for values, effect in each)
 
 
 def _last_effect_helps(

@@ -5,7 +5,7 @@ times. With a flat prior over all pairs of a start and an end the mean of exp(ra
 more.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 
 import numpy as np
@@ -13,6 +13,7 @@ from jaxtyping import Bool, Float
 from scipy.special import logsumexp
 
 from manoeuvre_nn.core.effect import Effect
+from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis.event_blocks import (
     BLOCK,
     LONG_RAMPS,
@@ -143,6 +144,19 @@ def times_of(effect: Effect, values: Float[np.ndarray, " p"]) -> Times:
     """When an event acts in a run."""
     times = values[effect.timed].reshape(-1, 2).tolist()
     return tuple(sorted((start, max(start, end)) for start, end in times if np.isfinite(start)))
+
+
+def acting(hypothesis: Hypothesis, runs: Sequence[Recording]) -> list[bool]:
+    """Whether each effect acts in any of several runs: an event may have no time, or none before they end."""
+    found = []
+    for effect, values in zip(hypothesis.effects, hypothesis.values, strict=True):
+        placed = [
+            end > start and start < run.time[-1]
+            for of_run, run in zip(values, runs, strict=True)
+            for start, end in (times_of(effect, of_run) if effect.timed else ())
+        ]
+        found.append(not effect.timed or any(placed))
+    return found
 
 
 def _score(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int, scatter: int) -> float:
