@@ -295,6 +295,10 @@ def test_effects_within_nine_of_twice_the_log_evidence_are_reported_together(mon
 # What is only the nearest to something else --------------------------------------------------------------------------
 
 
+FITTED = [[], []]
+"""Effects of a claim about a model that was fitted: whether it is the right ship is not asked."""
+
+
 @pytest.mark.parametrize("timed, failed, nearest", [
     ([[0, 1]], {REPAIRED_SAILS}, True),
     ([[0, 1], [2, 3]], {REPAIRED_SAILS}, True),
@@ -308,6 +312,7 @@ def test_effects_within_nine_of_twice_the_log_evidence_are_reported_together(mon
     ([[0, 1]], {RIGHT_SHIP, checks.LEFT}, False),
     ([[]], {RIGHT_SHIP, checks.FORM}, False),  # a large effect of another form changes all coefficients
     ([[]], {checks.FORM}, True),
+    (FITTED, {checks.FORM}, False),
     ([], {REPAIRED_SAILS}, False),
 ])  # fmt: skip
 def test_what_is_only_the_nearest_to_something_else_is_told_by_two_or_three_tests_of_events_alone_by_one(
@@ -316,6 +321,8 @@ def test_what_is_only_the_nearest_to_something_else_is_told_by_two_or_three_test
     """With times of their own in every run they come near to any force in runs that were fitted."""
     names = (checks.ON_BOUNDS, checks.FORM, checks.LEFT, REPAIRED_SAILS, RIGHT_SHIP)
     made = [Check(name, name not in failed, "") for name in names]
+    if timed == FITTED:
+        made.pop()
     effects = [SimpleNamespace(timed=columns) for columns in timed]
     claim = SimpleNamespace(names=("some",) * len(effects), hypothesis=SimpleNamespace(effects=effects))
     assert bool(checks.only_nearest(claim, made)) is nearest

@@ -23,6 +23,8 @@ SITES = ("inflow", "hull", "force", "actuator", "sensor")
 """Where physics can enter: water velocity, coefficients, added forces, rudder and shaft, what is written down."""
 PerRow = Float[Tensor, "*#batch"]
 """One value a row of a batch, or one that holds for several rows."""
+Series = Float[Tensor, "rows n"]
+"""One value a row of a batch and a time."""
 
 
 @dataclass(frozen=True)
@@ -327,13 +329,7 @@ class Effect(ABC, nn.Module):
         """
         return shown
 
-    def blade_in_turn(
-        self,
-        start: Float[Tensor, "rows 1"],
-        order: Float[Tensor, "rows n"],
-        shown: Float[Tensor, "rows n"],
-        elapsed: Float[Tensor, "rows n"],
-    ) -> Float[Tensor, "rows n"]:
+    def blade_in_turn(self, start: Float[Tensor, "rows 1"], order: Series, shown: Series, elapsed: Series) -> Series:
         """Angle of the blade at the end of each of several times that follow each other, as :meth:`blade` has it.
 
         Effects override it where they can do without a step for every time.

@@ -41,7 +41,8 @@ def only_nearest(claim: FittedHypothesis, checks: Sequence[Check]) -> str:
         to be another ship's. They are, or its formula is off what is published, as much is left of the missing force as
         in calm water, and free runs of held-out manoeuvres miss by more than is unknown. Or they miss so, and all of it
         are events: with times of their own in every run these come near to any force. Or its formula is off what is
-        published, and coefficients need not be: they are where an effect is large and of another form.
+        published, and coefficients need not be: they are where an effect is large and of another form, and of a model
+        that was fitted nobody asks.
     """
     failed = {check.name for check in checks if not check.passed}
     if {ON_BOUNDS, RIGHT_SHIP} <= failed:
@@ -50,7 +51,7 @@ def only_nearest(claim: FittedHypothesis, checks: Sequence[Check]) -> str:
         return "its numbers are at an end of what is possible or published, and as much is left as in calm water"
     if REPAIRED_SAILS in failed and claim.names and all(effect.timed for effect in claim.hypothesis.effects):
         return ANY_FORCE
-    if FORM in failed and RIGHT_SHIP not in failed:
+    if FORM in failed and any(check.name == RIGHT_SHIP and check.passed for check in checks):
         return "its formula is not as published, though this ship's coefficients may be"
     return ""
 

@@ -254,10 +254,11 @@ def _put_to_proof(
     """One claim, against calm water's predictions, their error, and its log evidence in the held-out runs."""
     (proofs, before, calm), data_set = calm_water, tried.likelihood.data_set
     known, j = _about_own_states(data_set, claim)
-    j = averaged_over_gusts(known, j) if j.random else over_directions(known, averaged(known, j))
+    j = _averaged(known, j)
     silent = [k for k, acts in enumerate(acting(j.hypothesis, question.case.fitted)) if not acts]
     if silent and len(j.names) > 1:  # an event that ends before it begins: what is left was found
-        j = averaged(known, refine(MarginalLikelihood(known), j.hypothesis.without(silent[0]), *j.best))
+        left = refine(MarginalLikelihood(known), j.hypothesis.without(silent[0]), *j.best)
+        j = _averaged(known, replace(left, random=j.random))
     there = in_held_out_runs(question, j, known)
     made = prove(question, j, there.hypothesis, proofs)
     # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.
@@ -286,6 +287,11 @@ def _put_to_proof(
     check = Check(GAIN, foretold and lasting, text if tested else f"{untested}: not proved")
     evidence = claim.evidence + there.evidence
     return _Tried(j, there.hypothesis, made, check, evidence, likelier and lasting)
+
+
+def _averaged(known: WhitenedDataSet, j: FittedHypothesis) -> FittedHypothesis:
+    """A hypothesis about its own states, averaged over what else may be."""
+    return averaged_over_gusts(known, j) if j.random else over_directions(known, averaged(known, j))
 
 
 def least_gain(claim: FittedHypothesis) -> float:

@@ -172,8 +172,8 @@ def over_directions(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> Fitt
     """
     parts, h, likelihood = [fitted], fitted.hypothesis, MarginalLikelihood(data_set)
     for k, effect in enumerate(h.effects):
-        turned = [j for j, p in enumerate(effect.declared) if p.period and any(q.form for q in effect.declared)]
-        for j, angle in product(turned, TURNS):
+        free = {f.column for f in h.unknowns() if f.effect == k and f.parameter.period}
+        for j, angle in product(sorted(free) if any(p.form for p in effect.declared) else (), TURNS):
             values = [v.copy() for v in h.values]
             values[k][:, j] += angle
             start, least = replace(h, values=tuple(values)), fitted.evidence - MAX_FIRST_DEFICIT

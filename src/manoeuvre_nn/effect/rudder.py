@@ -13,7 +13,7 @@ import torch
 from jaxtyping import Float
 from torch import Tensor
 
-from manoeuvre_nn.core.effect import Effect, Parameter, PerRow, Situation
+from manoeuvre_nn.core.effect import Effect, Parameter, PerRow, Series, Situation
 from manoeuvre_nn.core.limits import Endless
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.units import DEGREE
@@ -71,13 +71,7 @@ class RudderBacklash(_RudderEffect):
         half = 0.5 * self.angle("width_deg")
         return torch.clamp(before, shown - half, shown + half)
 
-    def blade_in_turn(
-        self,
-        start: Float[Tensor, "rows 1"],
-        order: Float[Tensor, "rows n"],
-        shown: Float[Tensor, "rows n"],
-        elapsed: Float[Tensor, "rows n"],
-    ) -> Float[Tensor, "rows n"]:
+    def blade_in_turn(self, start: Float[Tensor, "rows 1"], order: Series, shown: Series, elapsed: Series) -> Series:
         """The same angles; one clamp after another is a clamp, so that twice as many are put together in every round.
 
         Returns:
@@ -115,13 +109,7 @@ class RudderSlow(_RudderEffect):
         reach = self.angle("rate_deg_s") * elapsed
         return before + torch.clamp(order - before, -reach, reach)
 
-    def blade_in_turn(
-        self,
-        start: Float[Tensor, "rows 1"],
-        order: Float[Tensor, "rows n"],
-        shown: Float[Tensor, "rows n"],
-        elapsed: Float[Tensor, "rows n"],
-    ) -> Float[Tensor, "rows n"]:
+    def blade_in_turn(self, start: Float[Tensor, "rows 1"], order: Series, shown: Series, elapsed: Series) -> Series:
         """The same angles, from one change of the order to the next at once.
 
         Returns:

@@ -186,5 +186,5 @@ def _without_spikes(recording: Recording, ship: Particulars) -> Recording:
     if "x" not in c:
         c["x"], c["y"] = (cumulative_trapezoid(c[k], recording.time, initial=0.0) for k in ("vn", "ve"))
         derived.add("x")
-    kind = {key: recording.meta[key] for key in ("kind",) if key in recording.meta}
-    return Recording(recording.name, recording.time, c, meta={"derived": tuple(derived), **kind})
+    meta = {"derived": tuple(derived), "kind": recording.meta.get("kind", "")}
+    return Recording(recording.name, recording.time, c, meta=meta)

@@ -129,12 +129,12 @@ def weighed(
         if late is not None:
             when = "late" if late > 0 else "early"
             return _note(f"{finding.text}: a rudder written down some {abs(late):.0f} s {when} would explain it")
-        if _no_helmsman_waits(run, ship):
+        if _comes_round_in_a_zigzag(run, ship):
             return _note(f"{finding.text}: in a zigzag of the other sign it would have been put over long before")
     return finding
 
 
-def _no_helmsman_waits(run: Recording, ship: Particulars) -> bool:
+def _comes_round_in_a_zigzag(run: Recording, ship: Particulars) -> bool:
     """Whether a run is a zigzag in which the ship comes round against a rudder whose movements leave its sign open."""
     b, error = rudder_effect(run, ship)
     told = str(run.meta.get("kind", "")).startswith(ZIGZAGS)
