@@ -60,7 +60,7 @@ REFUTED = -5.0
 """Log evidence of the held-out runs that refutes any other effect: odds of 150 to 1 against it. Less is weighed with
 what the fitted runs say."""
 MAX_ERROR_GROWTH = 1.05
-"""Growth of the error of free runs beyond which an effect is not named; of a model that was fitted it must not grow."""
+"""Growth of the error of free runs that forbids a name; of a fitted model any does, unless evidence there is enough."""
 
 
 def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnosis:
@@ -263,20 +263,20 @@ def _put_to_proof(
     made = prove(question, j, there.hypothesis, proofs)
     # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.
     least = PROVED if is_fitted(data_set.dynamics) or Formula.name in j.names else REFUTED
-    most = before * (1.0 if is_fitted(data_set.dynamics) else MAX_ERROR_GROWTH)
-    after, gain = _after(question, made), there.evidence - calm
+    after, gain, least_of_named = _after(question, made), there.evidence - calm, least_gain(claim)
+    most = before * (1.0 if is_fitted(data_set.dynamics) and gain <= least_of_named else MAX_ERROR_GROWTH)
     alone = [p.rmse_alone for p in made if p.rmse_alone]
     if after > most and alone and _cost(question, alone) < after:
         # Coefficients as corrected by the fitted runs do not hold in others: the effects may.
         made = prove(question, replace(j, corrections=0 * j.corrections), there.hypothesis, proofs)
         after = _after(question, made)
-    enough = claim.evidence - tried.none.evidence + gain > least_gain(claim)
+    enough = claim.evidence - tried.none.evidence + gain > least_of_named
     better = gain > least and after <= most
     tested = bool(made) and any(acting(there.hypothesis, question.case.held_out))
     foretold = enough and (better or not tested)
     # Small errors of its state take free runs of a ship that is unstable on course far from any recording, whatever
     # the model: the likelihood of the recording does not suffer from that.
-    likelier = tested and gain > least_gain(claim) and least == REFUTED
+    likelier = tested and gain > least_of_named and least == REFUTED
     lasting = (foretold or likelier) and _last_effect_helps(question, tried, claim, there.evidence, claims)
     fewer = "; less than that does as well" if foretold and not lasting else ""
     text = (
