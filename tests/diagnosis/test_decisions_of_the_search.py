@@ -10,7 +10,7 @@ from trials import SHIP, values
 
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis import checks as checking
-from manoeuvre_nn.diagnosis import diagnose as proving
+from manoeuvre_nn.diagnosis import claims as proving
 from manoeuvre_nn.diagnosis import fits
 from manoeuvre_nn.diagnosis import search as under_test
 from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL, single
@@ -316,7 +316,7 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(
         ),
         "is_fitted": lambda dynamics: trained, "_cost": lambda question, errors: errors[0]["cost"],
         "_last_effect_helps": lambda question, tried, claim, *_: claim.names not in surplus,
-        "labels": lambda j: "", "_unit": lambda question: "",
+        "labels": lambda j: "", "unit_of_error": lambda question: "",
         "repaired_check": lambda _, tried, j, there: replace(
             SAILED, passed=j.names != claims[0].names or REPAIRED_SAILS not in poor
         ),

@@ -11,7 +11,7 @@ from tiers import mainly
 from trials import CALM, CIRCLE, NOISE, PORT, SHIP, STEP, ZIGZAG, run_of, runs, sailed, values
 
 from manoeuvre_nn.diagnosis import event_blocks
-from manoeuvre_nn.diagnosis.diagnose import _about_own_states
+from manoeuvre_nn.diagnosis.claims import _about_own_states
 from manoeuvre_nn.diagnosis.fits import at_rest, single
 from manoeuvre_nn.diagnosis.gusts import averaged_over_gusts, fitted_gusts
 from manoeuvre_nn.diagnosis.locate import Shape, changes, residuals

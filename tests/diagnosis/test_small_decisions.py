@@ -16,7 +16,7 @@ from trials import CIRCLE, SHIP, run_of, sailed
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis import advise, case, fits, forecast, formula, predictive, proof, windows
-from manoeuvre_nn.diagnosis import diagnose as diagnosing
+from manoeuvre_nn.diagnosis import claims as diagnosing
 from manoeuvre_nn.diagnosis import search as searching
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.replay import integrate

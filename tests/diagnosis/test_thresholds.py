@@ -8,7 +8,7 @@ import pytest
 from pytest import approx
 from searches import EFFECTS, fitted, found
 
-from manoeuvre_nn.diagnosis import checks, diagnose
+from manoeuvre_nn.diagnosis import checks, claims
 from manoeuvre_nn.diagnosis import decision as under_test
 from manoeuvre_nn.diagnosis.decision import (
     PRIOR_NONE,
@@ -34,14 +34,14 @@ pytestmark = pytest.mark.usefixtures("unchecked_types")
 
 def test_few_clean_cases_reach_the_evidence_of_a_named_effect():
     """Markov's inequality: a Bayes factor of x is reached with probability 1/x at most, by 25 candidates."""
-    assert 25 * np.exp(-diagnose.MIN_GAIN_OF_NAMED) < 0.01 < 25 * np.exp(-0.95 * diagnose.MIN_GAIN_OF_NAMED)
+    assert 25 * np.exp(-claims.MIN_GAIN_OF_NAMED) < 0.01 < 25 * np.exp(-0.95 * claims.MIN_GAIN_OF_NAMED)
 
 
 @pytest.mark.parametrize("names, least", [
     (("current",), 8.0), (("current", "log_scale"), 14.0), (("current", "log_scale", "heading_bias"), 20.0)
 ])  # fmt: skip
 def test_a_claim_needs_eight_for_the_first_effect_and_six_for_each_more(names, least):
-    assert diagnose.least_gain(fitted(0.0, *names)) == approx(least, abs=0.4)
+    assert claims.least_gain(fitted(0.0, *names)) == approx(least, abs=0.4)
 
 
 @pytest.mark.parametrize("names, prior", [

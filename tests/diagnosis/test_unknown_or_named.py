@@ -8,7 +8,7 @@ from pytest import approx
 from searches import fitted
 from trials import CALM
 
-from manoeuvre_nn.diagnosis import diagnose
+from manoeuvre_nn.diagnosis import claims as proving
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
@@ -50,11 +50,11 @@ def test_calm_water_with_another_ships_coefficients_is_something_unknown(
     scale, none = fitted(4.0, "log_scale"), fitted(0.0)
     nothing = Decision(False, False, 0.8, 0.1, {"log_scale": 0.1}, scale, {}, formula=FORMULA)
     put = []
-    monkeypatch.setattr(diagnose, "decide", lambda tried: nothing)
-    monkeypatch.setattr(diagnose, "right_ship_check", lambda *_: Check(RIGHT_SHIP, right_ship, ""))
-    monkeypatch.setattr(diagnose, "calm_check", lambda *_: Check("calm water", sails, ""))
-    monkeypatch.setattr(diagnose, "_proved", lambda q, tried, some, ship: (put.append(some), (none, [], []))[1])
-    verdict, (chosen, _, checks) = diagnose._decided(Mock(dynamics=CALM), SearchResult(none, [scale], Mock()))
+    monkeypatch.setattr(proving, "decide", lambda tried: nothing)
+    monkeypatch.setattr(proving, "right_ship_check", lambda *_: Check(RIGHT_SHIP, right_ship, ""))
+    monkeypatch.setattr(proving, "calm_check", lambda *_: Check("calm water", sails, ""))
+    monkeypatch.setattr(proving, "_proved", lambda q, tried, some, ship: (put.append(some), (none, [], []))[1])
+    verdict, (chosen, _, checks) = proving.decided(Mock(dynamics=CALM), SearchResult(none, [scale], Mock()))
     assert verdict.mismatch(chosen) is strange and [c.passed for c in checks] == [right_ship, sails]
     assert tuple(name for claim in put[-1] for name in claim.names) == claims
 
@@ -67,12 +67,12 @@ def test_a_name_that_held_out_runs_favour_but_fails_the_proof_leaves_the_unknown
     scale, none = fitted(9.0, "log_scale"), fitted(0.0)
     led = Decision(True, True, 0.0, 0.99, {"log_scale": 0.0}, scale, {}, 20.0, [FORMULA], FORMULA, 9.0)
     there = {(): -50.0, ("log_scale",): -40.0, ("formula",): -80.0}
-    monkeypatch.setattr(diagnose, "decide", lambda tried: led)
-    monkeypatch.setattr(diagnose, "right_ship_check", lambda *_: Check(RIGHT_SHIP, True, ""))
-    monkeypatch.setattr(diagnose, "in_held_out_runs", lambda q, j, known: Mock(evidence=there[tuple(j.names)]))
+    monkeypatch.setattr(proving, "decide", lambda tried: led)
+    monkeypatch.setattr(proving, "right_ship_check", lambda *_: Check(RIGHT_SHIP, True, ""))
+    monkeypatch.setattr(proving, "in_held_out_runs", lambda q, j, known: Mock(evidence=there[tuple(j.names)]))
     told = [Check(REPAIRED_SAILS, sails, "")]
-    monkeypatch.setattr(diagnose, "_proved", lambda q, tried, some, ship: (some[0] if proved else FORMULA, [], told))
-    verdict, (chosen, _, _) = diagnose._decided(Mock(dynamics=CALM), SearchResult(none, [scale], Mock()))
+    monkeypatch.setattr(proving, "_proved", lambda q, tried, some, ship: (some[0] if proved else FORMULA, [], told))
+    verdict, (chosen, _, _) = proving.decided(Mock(dynamics=CALM), SearchResult(none, [scale], Mock()))
     assert chosen is (scale if proved and sails else FORMULA) and verdict.unknown == approx(unknown, abs=0.005)
 
 
@@ -82,11 +82,11 @@ def test_a_name_that_is_not_proved_is_left_open_unless_all_runs_together_make_ca
 ):
     scale, none = fitted(4.0, "log_scale"), fitted(0.0)
     best = Decision(True, False, 0.1, 0.0, {"log_scale": 0.9}, scale, {}, claims=[scale])
-    monkeypatch.setattr(diagnose, "decide", lambda tried: best)
+    monkeypatch.setattr(proving, "decide", lambda tried: best)
     for check in ("right_ship_check", "calm_check"):
-        monkeypatch.setattr(diagnose, check, lambda *_: Check(RIGHT_SHIP, True, ""))
-    monkeypatch.setattr(diagnose, "_proved", lambda q, tried, some, ship: (none, [], []))
-    monkeypatch.setattr(diagnose, "at_rest", lambda data_set, j: (data_set, j))
-    monkeypatch.setattr(diagnose, "in_held_out_runs", lambda q, j, known: Mock(evidence=there if j.names else 0.0))
-    verdict, (chosen, _, _) = diagnose._decided(Mock(dynamics=CALM), SearchResult(none, [scale], Mock()))
+        monkeypatch.setattr(proving, check, lambda *_: Check(RIGHT_SHIP, True, ""))
+    monkeypatch.setattr(proving, "_proved", lambda q, tried, some, ship: (none, [], []))
+    monkeypatch.setattr(proving, "at_rest", lambda data_set, j: (data_set, j))
+    monkeypatch.setattr(proving, "in_held_out_runs", lambda q, j, known: Mock(evidence=there if j.names else 0.0))
+    verdict, (chosen, _, _) = proving.decided(Mock(dynamics=CALM), SearchResult(none, [scale], Mock()))
     assert chosen is none and verdict.named is named and (verdict.effects["log_scale"] < 0.5) is not named

@@ -18,7 +18,7 @@ from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.manoeuvre import Manoeuvre, Stage
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis import diagnose as under_test
+from manoeuvre_nn.diagnosis import claims as under_test
 from manoeuvre_nn.diagnosis.answers import answer
 from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.diagnose import diagnose

@@ -2,36 +2,26 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 
 import numpy as np
 
 from manoeuvre_nn.diagnosis import checks as checking
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.causes import causes_of
+from manoeuvre_nn.diagnosis.claims import Proved, decided, error_after, unit_of_error
 from manoeuvre_nn.diagnosis.decision import (
-    Decision,
-    are_rivals,
-    decide,
-    is_simpler,
-    likelier_than_calm_water,
     settled,
 )
-from manoeuvre_nn.diagnosis.fits import at_rest, over_directions, refine
 from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
-from manoeuvre_nn.diagnosis.gusts import averaged_over_gusts, refined_with_gusts
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
 from manoeuvre_nn.diagnosis.nature import nature_of
-from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS, calm_check, repaired_check, still_missing
+from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS, still_missing
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs, prove
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
-from manoeuvre_nn.diagnosis.result import GAIN, USABLE_MODEL, Cause, Check, Diagnosis, Proof, Residual, rmse
-from manoeuvre_nn.diagnosis.right_ship import right_ship_check
-from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SECOND, Progress, SearchResult, search
-from manoeuvre_nn.diagnosis.windows import acting
+from manoeuvre_nn.diagnosis.result import USABLE_MODEL, Cause, Check, Diagnosis, Proof, Residual, rmse
+from manoeuvre_nn.diagnosis.search import Progress, SearchResult, search
 from manoeuvre_nn.diagnosis.words import (
-    labels,
     left_open,
     nature_sentence,
     next_steps,
@@ -39,28 +29,12 @@ from manoeuvre_nn.diagnosis.words import (
     summary_sentence,
     with_caveats,
 )
-from manoeuvre_nn.diagnosis.workers import shared_out
-from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.effect.remainder import Remainder
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, whitened_data_set
-from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
-from manoeuvre_nn.estimation.noise_average import averaged
 from manoeuvre_nn.estimation.relinearise import refined
-from manoeuvre_nn.scoring.free_runs import cost, counted_as_one
-
-MIN_GAIN_OF_NAMED = 8.0
-"""Least log Bayes factor over calm water of a named effect, in fitted and held-out runs together: with some 25
-candidates fewer than 1 % of clean cases reach it, if the errors of the model are as they are taken (Markov's
-inequality)."""
-PROVED = 3.0
-"""Log evidence that a formula must add on held-out runs, and any effect where the model was fitted."""
-REFUTED = -5.0
-"""Log evidence of the held-out runs that refutes any other effect: odds of 150 to 1 against it. Less is weighed with
-what the fitted runs say."""
-MAX_ERROR_GROWTH = 1.05
-"""Growth of the error of free runs that forbids a name; of a fitted model any does, unless evidence there is enough."""
 
 
 def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnosis:
@@ -78,7 +52,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     data_set = whitened_data_set(question.dynamics, question.case.fitted)
     tried = settled(search(data_set, question.effects, progress, question.workers), question.workers)
     progress("proof")
-    verdict, (chosen, proofs, checks) = _decided(question, tried)
+    verdict, (chosen, proofs, checks) = decided(question, tried)
     if question.remainder and is_left(tried.likelihood, chosen):
         chosen, proofs, checks = _with_network(question, tried, (chosen, proofs, checks), progress)
     mismatch, data_set = verdict.mismatch(chosen), tried.likelihood.data_set
@@ -124,213 +98,6 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     )
 
 
-def _decided(question: Question, tried: SearchResult) -> "tuple[Decision, Proved]":
-    """What may be claimed and what of it was proved; whether calm water could have sailed the runs, and this ship."""
-    verdict = decide(tried)
-    if is_fitted(question.dynamics):
-        return verdict, _proved(question, tried, verdict.claims)
-    as_fitted = verdict
-    if verdict.lead and question.case.held_out:
-        asked = [tried.none, *filter(None, (verdict.best, verdict.formula))]
-        known = tried.likelihood.data_set
-        verdict = verdict.with_held_out(*(in_held_out_runs(question, j, known).evidence for j in asked))
-    ship = right_ship_check(tried, verdict.formula)
-    chosen, proofs, checks = _proved(question, tried, verdict.claims, ship)
-    named = verdict.best is not None and set(chosen.names) == set(verdict.best.names)
-    if named and verdict is not as_fitted and any(c.name == REPAIRED_SAILS and not c.passed for c in checks):
-        # Fitted runs call it unknown: held-out ones bear out its name only if they are sailed with it.
-        named, (chosen, proofs, checks) = False, _proved(question, tried, as_fitted.claims, ship)
-    if not named:
-        verdict = as_fitted  # a name that failed the proof makes the unknown no less likely
-    if not verdict.mismatch(chosen):
-        if verdict.best is not None and verdict.named and _outweighed(question, tried, verdict.best):
-            verdict = verdict.with_calm_water()
-        check = calm_check(question, tried)
-        if not (check.passed and ship.passed):
-            verdict = verdict.without_calm_water(tried, named=not check.passed)
-            chosen, proofs, checks = _proved(question, tried, verdict.claims, ship)
-        checks = [check, *checks]
-    return verdict, (chosen, proofs, [ship, *checks])
-
-
-def _outweighed(question: Question, tried: SearchResult, best: FittedHypothesis) -> bool:
-    """Whether fitted and held-out runs together make calm water likelier than a hypothesis with a name."""
-    data_set = tried.likelihood.data_set
-    known, j = _about_own_states(data_set, best)
-    calm = in_held_out_runs(question, tried.none, data_set).evidence
-    evidence = best.evidence + in_held_out_runs(question, j, known).evidence - calm
-    return not likelier_than_calm_water(tried, replace(best, evidence=evidence))
-
-
-Proved = tuple[FittedHypothesis, list[Proof], list[Check]]
-"""A hypothesis, the held-out runs predicted with it, and the tests that it and the claims before it were put to."""
-
-
-def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypothesis], *before_it: Check) -> Proved:
-    """The first claim that predicts runs which it has not seen better; calm water if none does."""
-    none, known = tried.none, dict[int, _Tried]()
-    proofs = prove(question, none, none.hypothesis)
-    before = _cost(question, [p.rmse_before for p in proofs])
-    calm = in_held_out_runs(question, none, tried.likelihood.data_set).evidence
-    calm_water = proofs, before, calm
-
-    def put(some: Sequence[FittedHypothesis]) -> list[_Tried]:
-        new = [c for c in some if id(c) not in known]
-        tasks = [partial(_put_to_proof, question, tried, c, claims, calm_water) for c in new]
-        made = shared_out(tasks, question.workers)
-        known.update(zip(map(id, new), made, strict=True))
-        return [known[id(c)] for c in some]
-
-    left, second_best = list(claims), None
-    while left:
-        claim = left.pop(0)
-        if not put([claim])[0].helped:
-            continue
-        # What the fitted runs leave open others may settle.
-        rivals = [c for c in claims if Formula.name not in (*c.names, *claim.names) and are_rivals(claim, c)]
-        best = max((t for t in put([claim, *rivals]) if t.helped), key=lambda t: t.evidence)
-        sailed = [repaired_check(question, tried, best.fitted, best.there)] if question.case.held_out else []
-        of_best = [*sailed, *checking.checks(tried, best.fitted)]
-        why = checking.only_nearest(best.fitted, [*of_best, *before_it])
-        passed = best.fitted, best.proofs, [*(t.check for t in known.values()), *of_best]
-        if not why and second_best and _after(question, second_best[1]) < _after(question, best.proofs):
-            break  # events that do not sail held-out runs are nearer to these than what would take their place
-        if not why:
-            return passed
-        if why == checking.ANY_FORCE and second_best is None:
-            second_best = passed
-        key = next(k for k, t in known.items() if t is best)
-        known[key] = replace(best, check=Check(GAIN, False, f"{best.check.text}; {why}"), likelier=False)
-        left.insert(0, claim)  # or what may take its place
-    likeliest = max(known.values(), key=lambda t: t.evidence, default=None)
-    if likeliest and likeliest.likelier and not likeliest.helped:
-        free = repaired_check(question, tried, likeliest.fitted, likeliest.there)
-        if free.passed:
-            why = "; free runs of this ship may go so far astray, and their log evidence alone would be enough"
-            check = replace(likeliest.check, passed=True, text=likeliest.check.text + why)
-            told = [check if t is likeliest else t.check for t in known.values()]
-            return likeliest.fitted, likeliest.proofs, [*told, free, *checking.checks(tried, likeliest.fitted)]
-    if second_best:
-        return second_best
-    # Nothing is missing, but coefficients may be off within their scatter.
-    corrected = prove(question, none, none.hypothesis, proofs) if proofs else []
-    better = _after(question, corrected) < before
-    return none, corrected if better else proofs, [t.check for t in known.values()]
-
-
-@dataclass(frozen=True)
-class _Tried:
-    """A claim that was put to the proof.
-
-    Attributes:
-        fitted: It, about its own states.
-        there: It, in the held-out runs.
-        proofs: These, predicted with it.
-        check: What came out.
-        evidence: Log evidence of fitted and held-out runs together.
-        likelier: Whether held-out runs alone have evidence enough, however far free runs of calm water and of it stray.
-    """
-
-    fitted: FittedHypothesis
-    there: Hypothesis
-    proofs: list[Proof]
-    check: Check
-    evidence: float
-    likelier: bool
-
-    @property
-    def helped(self) -> bool:
-        """Whether it passed."""
-        return self.check.passed
-
-
-def _put_to_proof(
-    question: Question,
-    tried: SearchResult,
-    claim: FittedHypothesis,
-    claims: Sequence[FittedHypothesis],
-    calm_water: tuple[list[Proof], float, float],
-) -> _Tried:
-    """One claim, against calm water's predictions, their error, and its log evidence in the held-out runs."""
-    (proofs, before, calm), data_set = calm_water, tried.likelihood.data_set
-    known, j = _about_own_states(data_set, claim)
-    j = _averaged(known, j)
-    silent = [k for k, acts in enumerate(acting(j.hypothesis, question.case.fitted)) if not acts]
-    if silent and len(j.names) > 1:  # an event that ends before it begins: what is left was found
-        left = refine(MarginalLikelihood(known), j.hypothesis.without(silent[0]), *j.best)
-        j = _averaged(known, replace(left, random=j.random))
-    there = in_held_out_runs(question, j, known)
-    made = prove(question, j, there.hypothesis, proofs)
-    # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.
-    least = PROVED if is_fitted(data_set.dynamics) or Formula.name in j.names else REFUTED
-    after, gain, least_of_named = _after(question, made), there.evidence - calm, least_gain(claim)
-    most = before * (1.0 if is_fitted(data_set.dynamics) and gain <= least_of_named else MAX_ERROR_GROWTH)
-    alone = [p.rmse_alone for p in made if p.rmse_alone]
-    if after > most and alone and _cost(question, alone) < after:
-        # Coefficients as corrected by the fitted runs do not hold in others: the effects may.
-        made = prove(question, replace(j, corrections=0 * j.corrections), there.hypothesis, proofs)
-        after = _after(question, made)
-    enough = claim.evidence - tried.none.evidence + gain > least_of_named
-    better = gain > least and after <= most
-    tested = bool(made) and any(acting(there.hypothesis, question.case.held_out))
-    foretold = enough and (better or not tested)
-    # Small errors of its state take free runs of a ship that is unstable on course far from any recording, whatever
-    # the model: the likelihood of the recording does not suffer from that.
-    likelier = tested and gain > least_of_named and least == REFUTED
-    lasting = (foretold or likelier) and _last_effect_helps(question, tried, claim, there.evidence, claims)
-    fewer = "; less than that does as well" if foretold and not lasting else ""
-    text = (
-        f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({_unit(question)}), "
-        f"and the log evidence of the held-out runs by {gain:+.0f}{fewer}"
-    )
-    untested = f"{labels(j)} did not act in a held-out run" if made else "no held-out run"
-    check = Check(GAIN, foretold and lasting, text if tested else f"{untested}: not proved")
-    evidence = claim.evidence + there.evidence
-    return _Tried(j, there.hypothesis, made, check, evidence, likelier and lasting)
-
-
-def _averaged(known: WhitenedDataSet, j: FittedHypothesis) -> FittedHypothesis:
-    """A hypothesis about its own states, averaged over what else may be."""
-    return averaged_over_gusts(known, j) if j.random else over_directions(known, averaged(known, j))
-
-
-def least_gain(claim: FittedHypothesis) -> float:
-    """Least log Bayes factor over calm water that a claim must have in fitted and held-out runs together."""
-    return MIN_GAIN_OF_NAMED + MIN_GAIN_OF_SECOND * (len(claim.names) - 1)
-
-
-def _last_effect_helps(
-    question: Question,
-    tried: SearchResult,
-    claim: FittedHypothesis,
-    held_out: float,
-    claims: Sequence[FittedHypothesis],
-) -> bool:
-    """Whether effects say more in fitted and held-out runs together than the best claim with one less, or no gusts."""
-    by_evidence = sorted(claims, key=lambda j: j.evidence)
-    fewer = {len(j.names): j for j in by_evidence if is_simpler(j, claim)}  # the best of each size
-    rested = [(j.evidence, *_about_own_states(tried.likelihood.data_set, j)) for j in fewer.values()]
-    others = [evidence + in_held_out_runs(question, j, known).evidence for evidence, known, j in rested]
-    return claim.evidence + held_out > max(others, default=-np.inf) + (MIN_GAIN_OF_SECOND if others else 0.0)
-
-
-def _about_own_states(data_set: WhitenedDataSet, claim: FittedHypothesis) -> tuple[WhitenedDataSet, FittedHypothesis]:
-    """The runs about a claim's own states, and the claim there, the course of gusts integrated out.
-
-    Strong gusts explain what a fit without them would lay on the mean wind, or on what acts beside it.
-
-    Returns:
-        The runs; the claim, at the process noise that takes its gusts for a random force, as all that follows does.
-    """
-    if not claim.random:
-        return at_rest(data_set, claim)
-    if data_set.dynamics.particulars.is_model:
-        return data_set, claim  # on ponds gusts are larger than the mean, and blow across it
-    there, found = at_rest(data_set, claim, refined_with_gusts)
-    loose = MarginalLikelihood(there).evaluate(found.hypothesis, around=found.best[0])
-    return there, replace(found, best=loose.best)
-
-
 def _with_network(question: Question, tried: SearchResult, proved: Proved, progress: Progress) -> Proved:
     """The same with a network on top, if runs that were not used are predicted better with it."""
     chosen, proofs, checks = proved
@@ -338,26 +105,11 @@ def _with_network(question: Question, tried: SearchResult, proved: Proved, progr
     more = with_remainder(MarginalLikelihood(there), chosen, progress)
     with_it, without = in_held_out_runs(question, more), in_held_out_runs(question, chosen)
     made = prove(question, more, with_it.hypothesis, proofs)
-    now, then = _after(question, proofs), _after(question, made)
+    now, then = error_after(question, proofs), error_after(question, made)
     helped = bool(made) and then < now and with_it.evidence > without.evidence
-    text = f"with a network on top the error of free runs goes from {now:.2f} to {then:.2f} ({_unit(question)})"
+    text = f"with a network on top the error of free runs goes from {now:.2f} to {then:.2f} ({unit_of_error(question)})"
     checks = [*checks, Check("remainder", helped, text if made else "no held-out run: a network is not trusted")]
     return (more, made, checks) if helped else (chosen, proofs, checks)
-
-
-def _cost(question: Question, errors: Sequence[Mapping[str, float]]) -> float:
-    return cost(errors, question.dynamics.particulars)
-
-
-def _after(question: Question, proofs: Sequence[Proof]) -> float:
-    """Error of free runs of a repaired model."""
-    return _cost(question, [p.rmse_after for p in proofs])
-
-
-def _unit(question: Question) -> str:
-    """Unit of the cost in words."""
-    one = counted_as_one(question.dynamics.particulars)
-    return f"1 is {100 * one['pos']:.2g} % of L, {one['psi']:.2g} deg, {one['u']:.2g} m/s, {one['r']:.2g} deg/s"
 
 
 def _shaded(found: Sequence[Residual], causes: Sequence[Cause]) -> list[Residual]:
