@@ -2,20 +2,15 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
-from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from trials import SHIP, values
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.diagnosis import checks as checking
-from manoeuvre_nn.diagnosis import claims as proving
 from manoeuvre_nn.diagnosis import fits
 from manoeuvre_nn.diagnosis import search as under_test
 from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL, single
-from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS
-from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.diagnosis.search import search
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.depth import ShallowWater
@@ -264,137 +259,3 @@ def test_the_form_of_an_effect_is_fitted_at_each_start_of_its_size_first():
         asked.clear()
         start = Hypothesis((effect,), (values(effect),))
         assert fits._in_form(likelihood, start, 6, 2).fixed == frozenset() and asked == fixed
-
-
-ONE, TWO, RULE = ("current",), ("current", "log_scale"), ("formula",)
-PROVED = [  # effects, model was fitted, gain in fitted runs, in held-out ones, growth of the error; whether it is named
-    (ONE, False, 5.5, 2.3, 1.0, False), (ONE, False, 5.5, 2.7, 1.0, True), (ONE, False, 30.0, -4.8, 1.0, True),
-    (ONE, False, 30.0, -5.2, 1.0, False), (ONE, False, 30.0, 9.0, 1.04, True), (ONE, False, 30.0, 7.5, 1.06, False),
-    (ONE, False, 30.0, 8.5, 1.06, True),  # enough by itself, whatever free runs do
-    (ONE, True, 30.0, 2.8, 1.0, False),  # the errors of a fitted model may look like an effect
-    (ONE, True, 30.0, 3.2, 1.0, True), (ONE, True, 30.0, 7.5, 1.01, False), (ONE, True, 30.0, 8.5, 1.01, True),
-    (ONE, True, 30.0, 8.5, 1.06, False), (TWO, True, 30.0, 13.5, 1.01, False), (RULE, False, 30.0, 2.8, 1.0, False),
-    (RULE, False, 30.0, 3.2, 1.0, True), (TWO, False, 9.5, 4.2, 1.0, False), (TWO, False, 9.5, 4.8, 1.0, True),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize("names, trained, fitted, held_out, growth, named", PROVED)
-def test_a_named_effect_must_gain_eight_in_fitted_and_held_out_runs_together(
-    monkeypatch, names, trained, fitted, held_out, growth, named
-):
-    """And six more for a second one; whatever is gained in fitted runs, held-out ones refute what loses five there."""
-    claim = fit(100.0 + fitted, *names)
-    errors = {names: (2.0 * growth, 2.0 * growth)}
-    chosen, _, checks = proved(monkeypatch, [claim], {names: held_out}, errors, trained)
-    assert chosen.names == (names if named else ()) and checks[0].passed is named
-
-
-SAILED = Check(REPAIRED_SAILS, True, "")
-
-
-def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=()) -> tuple:
-    """What is chosen among claims with these gains in held-out runs; errors of effects alone, with corrections.
-
-    Those of ``surplus`` have one effect too many; the first fails the tests ``poor``.
-    """
-    none = fit(100.0)
-    acting = Hypothesis(tuple(EFFECTS[:1]), (values(EFFECTS[0]),))
-    for j in (none, *claims):
-        j.hypothesis, j.corrections = acting, np.ones(1)
-
-    def prove(question, j, *_):
-        alone, corrected = errors.get(j.names, (2.0, 2.0))
-        after = corrected if j.corrections.any() else alone
-        return [SimpleNamespace(rmse_before={"cost": 2.0}, rmse_after={"cost": after}, rmse_alone={"cost": alone})]
-
-    for name, made in {
-        "prove": prove, "at_rest": lambda data_set, j: (data_set, j), "averaged": lambda data_set, j: j,
-        "over_directions": lambda data_set, j: j,
-        "replace": lambda j, **new: SimpleNamespace(**{**vars(j), **new}) if hasattr(j, "names") else replace(j, **new),
-        "in_held_out_runs": lambda question, j, known: SimpleNamespace(
-            hypothesis=acting, evidence=7.0 + gains.get(j.names, 0.0)
-        ),
-        "is_fitted": lambda dynamics: trained, "_cost": lambda question, errors: errors[0]["cost"],
-        "_last_effect_helps": lambda question, tried, claim, *_: claim.names not in surplus,
-        "labels": lambda j: "", "unit_of_error": lambda question: "",
-        "repaired_check": lambda _, tried, j, there: replace(
-            SAILED, passed=j.names != claims[0].names or REPAIRED_SAILS not in poor
-        ),
-    }.items():  # fmt: skip
-        monkeypatch.setattr(proving, name, made)
-    failed = {claims[0].names: [Check(name, False, "") for name in poor if name != REPAIRED_SAILS]}
-    monkeypatch.setattr(proving.checking, "checks", lambda _, j: failed.get(j.names, []))
-    asked, tried = Mock(workers=1, case=Mock(held_out=[1], fitted=[1])), SimpleNamespace(likelihood=Mock(), none=none)
-    return proving._proved(asked, tried, claims, Check(RIGHT_SHIP, RIGHT_SHIP not in poor, ""))
-
-
-@pytest.mark.parametrize("gain, chosen", [(13.5, "log_scale"), (12.5, "current")])
-def test_what_fitted_runs_leave_open_held_out_ones_settle(monkeypatch, gain, chosen):
-    """The rival lies three behind in the fitted runs."""
-    claims = [fit(120.0, "current"), fit(117.0, "log_scale"), fit(114.0, "wind_steady")]
-    gains = {("current",): 10.0, ("log_scale",): gain, ("wind_steady",): 90.0}
-    found, _, checks = proved(monkeypatch, claims, gains, {})
-    assert found.names == (chosen,) and checks.count(SAILED) == 1
-    assert len(checks) == 3, "six behind is no rival"
-
-
-ALL_THREE, ELSEWHERE = (checking.ON_BOUNDS, checking.LEFT, REPAIRED_SAILS), (checking.ON_BOUNDS, RIGHT_SHIP)
-
-
-@pytest.mark.parametrize("poor", [ALL_THREE, ALL_THREE[:2], ALL_THREE[1:], ALL_THREE[::2], ELSEWHERE, ELSEWHERE[1:]])
-@pytest.mark.parametrize("gap", [2.0, 9.0])
-def test_a_claim_that_is_only_the_nearest_gives_way_to_the_next(monkeypatch, poor, gap):
-    """At the end of its range, with as much left, and free runs that miss, or another ship. A rival or no rival."""
-    claims, gains = [fit(120.0, "current"), fit(120.0 - gap, "log_scale")], {("current",): 30.0, ("log_scale",): 20.0}
-    found, _, checks = proved(monkeypatch, claims, gains, {}, poor=poor)
-    refused = poor in (ALL_THREE, ELSEWHERE)
-    assert (found.names, checks[0].passed) == ((("log_scale",), False) if refused else (("current",), True))
-    assert ("at an end of what is possible" in checks[0].text) == refused
-    if poor == ELSEWHERE:
-        assert proved(monkeypatch, claims[:1], gains, {}, poor=poor)[0].names == (), "gains alone are no proof of it"
-
-
-@pytest.mark.parametrize("too_many", [0, 1, 2])
-def test_where_fewer_effects_do_as_well_rivals_with_as_many_are_asked_and_then_these(monkeypatch, too_many):
-    """Unless a rival of three has the same third one, which it needs to make up for what is wrong in it."""
-    three, rival, two = ("current", "wave_drift", "log_scale"), ("wind_steady", "wave_drift", "log_scale"), (
-        "current", "wave_drift",
-    )  # fmt: skip
-    claims = [fit(160.0, *three), fit(158.0, *rival), fit(159.0, *two)]
-    names = [three, rival, two]
-    gains = {three: 30.0, rival: 20.0, two: 30.0}
-    found, *_ = proved(monkeypatch, claims, gains, {}, surplus=names[:too_many])
-    assert found.names == names[too_many]
-
-
-@pytest.mark.parametrize("alone, corrected, after", [(1.0, 3.0, 1.0), (1.0, 2.05, 2.05), (3.5, 3.0, None)])
-def test_an_effect_is_not_refuted_by_coefficients_that_do_not_hold_in_other_runs(monkeypatch, alone, corrected, after):
-    claim = fit(120.0, "current")
-    found, proofs, _ = proved(monkeypatch, [claim], {("current",): 7.0}, {("current",): (alone, corrected)})
-    assert (found.names, proofs[0].rmse_after["cost"]) == ((("current",), after) if after else ((), 2.0))
-
-
-@pytest.mark.parametrize("poor, formula, trained, named", [
-    ((), -3.0, False, True), ((REPAIRED_SAILS,), -3.0, False, False), ((), 3.0, False, False), ((), -3.0, True, False)
-])  # fmt: skip
-def test_where_free_runs_stray_what_is_likeliest_and_sails_is_named(monkeypatch, poor, formula, trained, named):
-    """Twice as far, with 20 in log evidence of held-out runs; a formula that strays as far has less or more."""
-    claims, strayed = [fit(120.0, "wind_gusty"), fit(120.0 + formula, "formula")], (4.0, 4.0)
-    gains, errors = dict.fromkeys([c.names for c in claims], 20.0), dict.fromkeys([c.names for c in claims], strayed)
-    found, proofs, checks = proved(monkeypatch, claims, gains, errors, trained, poor=poor)
-    assert (found.names, checks[0].passed) == ((("wind_gusty",), True) if named else ((), False))
-    assert proofs[0].rmse_after["cost"] == (4.0 if named else 2.0)
-    assert ("would be enough" in checks[0].text) == named and not checks[1].passed
-
-
-@pytest.mark.parametrize(
-    "formula, error, chosen", [(20.0, 1.4, "formula"), (20.0, 1.6, "side_force"), (-20.0, 1.4, "side_force")]
-)
-def test_events_that_do_not_sail_stand_again_where_nothing_else_passes_or_is_nearer(
-    monkeypatch, formula, error, chosen
-):
-    claims, said = [fit(120.0, "side_force"), fit(115.0, "formula")], {("side_force",): checking.ANY_FORCE}
-    monkeypatch.setattr(proving.checking, "only_nearest", lambda j, checks: said.get(j.names, ""))
-    errors = {("side_force",): (1.5, 1.5), ("formula",): (error, error)}
-    found, _, checks = proved(monkeypatch, claims, {("side_force",): 30.0, ("formula",): formula}, errors)
-    assert found.names == (chosen,) and checks[0].passed == (chosen == "side_force")

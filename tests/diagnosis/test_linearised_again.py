@@ -15,7 +15,7 @@ from tiers import mainly
 from trials import CALM, CIRCLE, NOISE, PORT, SHIP, TIMED, ZIGZAG, about, run_of, runs, sailed, states_of, values
 
 from manoeuvre_nn.core.recording import Recording
-from manoeuvre_nn.diagnosis import decision, fits
+from manoeuvre_nn.diagnosis import fits, settled
 from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.fits import at_rest
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs
@@ -157,7 +157,7 @@ def test_a_part_of_several_effects_is_fitted_about_the_states_of_all_of_them():
     offset, wind = RudderOffset(SHIP, offset_deg=11.0), SteadyWind(SHIP, speed=1.0, from_deg=80.0)
     likelihood = MarginalLikelihood(data_set)
     one, both = (fits.refine(likelihood, hypothesis(*some), 4, 2) for some in ((offset,), (wind, offset)))
-    found, (part,) = decision._rested(data_set, both, [one])
+    found, (part,) = settled._rested(data_set, both, [one])
     there, again = at_rest(data_set, both)
     assert found.evidence == approx(again.evidence) and found.names == both.names
     beside_it = fits.refine(MarginalLikelihood(there), one.hypothesis, *one.best)

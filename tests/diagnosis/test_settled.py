@@ -6,8 +6,8 @@ import pytest
 from searches import EFFECTS, fitted, found
 from trials import SHIP, values
 
-from manoeuvre_nn.diagnosis import decision as under_test
-from manoeuvre_nn.diagnosis.decision import settled
+from manoeuvre_nn.diagnosis import settled as under_test
+from manoeuvre_nn.diagnosis.settled import settled
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 
@@ -103,7 +103,7 @@ def test_an_event_at_the_end_of_what_is_possible_is_not_asked(lever, asked):
     best, both = fitted(20.0, "current"), fitted(27.0, "current", "log_scale")
     effects = (best.hypothesis.effects[0], force)
     both = replace(both, hypothesis=Hypothesis(effects, tuple(values(e) for e in effects)))
-    assert under_test._worthy(found(both, best)) == ([both, best] if asked else [best])
+    assert under_test.plausible(found(both, best)) == ([both, best] if asked else [best])
 
 
 def test_a_part_that_has_rested_is_fitted_about_the_states_of_a_pair_that_comes_later(monkeypatch):

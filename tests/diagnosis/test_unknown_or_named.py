@@ -15,7 +15,7 @@ from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.diagnosis.search import SearchResult
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
-FORMULA = Mock(names=("formula",), evidence=20.0)
+FORMULA = Mock(names=("formula",), evidence=20.0, random={})
 
 
 @pytest.mark.parametrize(
@@ -90,3 +90,31 @@ def test_a_name_that_is_not_proved_is_left_open_unless_all_runs_together_make_ca
     monkeypatch.setattr(proving, "in_held_out_runs", lambda q, j, known: Mock(evidence=there if j.names else 0.0))
     verdict, (chosen, _, _) = proving.decided(Mock(dynamics=CALM), SearchResult(none, [scale], Mock()))
     assert chosen is none and verdict.named is named and (verdict.effects["log_scale"] < 0.5) is not named
+
+
+@pytest.mark.parametrize(
+    "without_rule, there, name, strange",
+    [
+        (3.0, -56.0, False, False),  # the formula is all that speaks for it, and other runs refute it
+        (3.0, -56.0, True, False),  # a name that was likelier than calm water is asked in its place
+        (3.0, -54.0, False, True),  # less is no refutation
+        (7.5, -56.0, False, True),  # a force without a rule is likelier than calm water, too
+    ],
+)
+def test_something_unknown_that_rests_on_a_formula_falls_with_it(monkeypatch, without_rule, there, name, strange):
+    scale, none = fitted(9.0, "log_scale"), fitted(0.0)
+    evidence = {(): -50.0, ("formula",): there}
+    led = Decision(
+        name, True, 0.1, 0.8, {"log_scale": 0.1}, scale, {}, 8.0, [FORMULA], FORMULA, without_rule=without_rule
+    )
+    monkeypatch.setattr(proving, "decide", lambda tried: led)
+    monkeypatch.setattr(proving, "at_rest", lambda data_set, j: (data_set, j))
+    monkeypatch.setattr(proving, "in_held_out_runs", lambda q, j, known: Mock(evidence=evidence[tuple(j.names)]))
+    for check in ("right_ship_check", "calm_check"):
+        monkeypatch.setattr(proving, check, lambda *_: Check(RIGHT_SHIP, True, ""))
+    monkeypatch.setattr(
+        proving, "_proved", lambda q, tried, some, ship: (scale if list(some) == [scale] else none, [], [])
+    )
+    verdict, (chosen, *_) = proving.decided(Mock(dynamics=CALM), SearchResult(none, [scale], Mock()))
+    assert chosen is (scale if name else none) and verdict.mismatch(chosen) is (strange or name)
+    assert verdict.unknown == approx(0.8 if strange else 0.8 * np.exp(-5.0) / (0.2 + 0.8 * np.exp(-5.0)))

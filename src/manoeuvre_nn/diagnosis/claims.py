@@ -71,6 +71,11 @@ def decided(question: Question, tried: SearchResult) -> tuple[Decision, Proved]:
         named, (chosen, proofs, checks) = False, _proved(question, tried, as_fitted.claims, ship)
     if not named:
         verdict = as_fitted  # a name that failed the proof makes the unknown no less likely
+    rule = verdict.formula if verdict.rests_on_formula and not chosen.names else None
+    if rule is not None and _held_out_gain(question, tried, rule) < REFUTED:
+        verdict = verdict.without_formula()
+        chosen, proofs, more = _proved(question, tried, verdict.claims, ship)
+        checks = [*checks, *more]
     if not verdict.mismatch(chosen):
         if verdict.best is not None and verdict.named and _outweighed(question, tried, verdict.best):
             verdict = verdict.with_calm_water()
@@ -84,11 +89,16 @@ def decided(question: Question, tried: SearchResult) -> tuple[Decision, Proved]:
 
 def _outweighed(question: Question, tried: SearchResult, best: FittedHypothesis) -> bool:
     """Whether fitted and held-out runs together make calm water likelier than a hypothesis with a name."""
-    data_set = tried.likelihood.data_set
-    known, j = _about_own_states(data_set, best)
-    calm = in_held_out_runs(question, tried.none, data_set).evidence
-    evidence = best.evidence + in_held_out_runs(question, j, known).evidence - calm
+    evidence = best.evidence + _held_out_gain(question, tried, best)
     return not likelier_than_calm_water(tried, replace(best, evidence=evidence))
+
+
+def _held_out_gain(question: Question, tried: SearchResult, claim: FittedHypothesis) -> float:
+    """Log evidence that a claim adds to calm water's in the held-out runs."""
+    data_set = tried.likelihood.data_set
+    known, j = _about_own_states(data_set, claim)
+    calm = in_held_out_runs(question, tried.none, data_set).evidence
+    return in_held_out_runs(question, j, known).evidence - calm
 
 
 def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypothesis], *before_it: Check) -> Proved:
@@ -187,9 +197,10 @@ def _put_to_proof(
     there = in_held_out_runs(question, j, known)
     made = prove(question, j, there.hypothesis, proofs)
     # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.
-    least = PROVED if is_fitted(data_set.dynamics) or Formula.name in j.names else REFUTED
+    trained = is_fitted(data_set.dynamics)
+    least = PROVED if trained or Formula.name in j.names else REFUTED
     after, gain, least_of_named = error_after(question, made), there.evidence - calm, least_gain(claim)
-    most = before * (1.0 if is_fitted(data_set.dynamics) and gain <= least_of_named else MAX_ERROR_GROWTH)
+    most = before * (1.0 if trained and gain <= least_of_named else MAX_ERROR_GROWTH)
     alone = [p.rmse_alone for p in made if p.rmse_alone]
     if after > most and alone and _cost(question, alone) < after:
         # Coefficients as corrected by the fitted runs do not hold in others: the effects may.
@@ -198,7 +209,7 @@ def _put_to_proof(
     enough = claim.evidence - tried.none.evidence + gain > least_of_named
     better = gain > least and after <= most
     tested = bool(made) and any(acting(there.hypothesis, question.case.held_out))
-    foretold = enough and (better or not tested)
+    foretold = enough and (better if tested else not (trained and made))
     # Small errors of its state take free runs of a ship that is unstable on course far from any recording, whatever
     # the model: the likelihood of the recording does not suffer from that.
     likelier = tested and gain > least_of_named and least == REFUTED

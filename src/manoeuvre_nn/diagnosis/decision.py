@@ -2,13 +2,11 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from math import comb, log
 
 import numpy as np
 from jaxtyping import Float
 
-from manoeuvre_nn.diagnosis.fits import at_rest, refine
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.search import (
     MIN_GAIN_OF_SINGLE,
@@ -17,12 +15,9 @@ from manoeuvre_nn.diagnosis.search import (
     worth_its_size,
 )
 from manoeuvre_nn.diagnosis.unknown import receiver_wander, unknown_evidence
-from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
-from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.prior_average import gain_by_coefficient_priors
 from manoeuvre_nn.estimation.relinearise import beside
 
@@ -59,6 +54,7 @@ class Decision:
         formula: A short formula for something unknown, whether it may be claimed or not.
         lead: Log odds by which something unknown is likelier than a best hypothesis that is put to the proof; 0 if it
             is not.
+        without_rule: Log Bayes factor of something unknown over calm water without its short formula.
     """
 
     named: bool
@@ -72,6 +68,7 @@ class Decision:
     claims: Sequence[FittedHypothesis] = ()
     formula: FittedHypothesis | None = None
     lead: float = 0.0
+    without_rule: float = np.inf
 
     def mismatch(self, chosen: FittedHypothesis) -> bool:
         """Whether a claim was proved, calm water being none, or something unknown beats calm water."""
@@ -114,6 +111,29 @@ class Decision:
             claims=[self.best, *self.claims],
         )
 
+    @property
+    def rests_on_formula(self) -> bool:
+        """Whether something unknown beats calm water by its short formula alone."""
+        return self.strange and self.formula is not None and self.without_rule <= MIN_GAIN_OF_UNKNOWN
+
+    def without_formula(self) -> "Decision":
+        """The same once held-out runs have refuted the short formula that something unknown rests on.
+
+        Returns:
+            Something unknown is as likely as it is without a rule; the best hypothesis with a name, if one is likelier
+            than calm water, is the claim.
+        """
+        unknown = self.unknown * float(np.exp(min(self.without_rule - self.unmodelled, 0.0)))
+        total = max(1 - self.unknown + unknown, 1e-12)
+        return replace(
+            self,
+            strange=False,
+            none=self.none / total,
+            unknown=unknown / total,
+            effects={name: min(p / total, 1.0) for name, p in self.effects.items()},
+            claims=[self.best] if self.best is not None and self.named else [],
+        )
+
     def with_calm_water(self) -> "Decision":
         """The same once held-out runs made calm water likelier than the best hypothesis with a name.
 
@@ -139,7 +159,7 @@ class Decision:
         calm = min(self.none, 1 - MIN_CALM)
         share = (1 - calm) / max(1 - self.none, 1e-12)
         least = result.none.evidence + MIN_GAIN_OF_SINGLE
-        likely = [j for j in _worthy(result) if named and j.evidence > least][:MAX_IN_RACE]
+        likely = [j for j in plausible(result) if named and j.evidence > least][:MAX_IN_RACE]
         return replace(
             self,
             strange=True,
@@ -148,71 +168,6 @@ class Decision:
             effects={name: min(share * p, 1.0) for name, p in self.effects.items()},
             claims=likely + ([] if self.formula is None else [self.formula]),
         )
-
-
-def settled(result: SearchResult, workers: int = 1) -> SearchResult:
-    """The search with the hypotheses that are still in the race linearised about their own states until these rest.
-
-    They are those within :data:`MAX_DEFICIT_IN_RACE` of the best, and of several effects the best with one of them
-    less: what the last one adds about common states it need not add about its own, nor beside the same without it
-    about these. Where these lose, the next best come in their place. One effect alone is in no race. All were
-    linearised about the same states before; what is never in the race loses what the best loses.
-
-    Args:
-        result: Of the search.
-        workers: Processes among which they are shared out.
-
-    Returns:
-        The same with their evidence about their own states.
-    """
-    known, lost = dict[tuple[str, ...], float](), 0.0
-    while len(known) < MAX_SETTLED:
-        race = _race(result)
-        new = {j.names for j in race} - known.keys()
-        if not new:
-            break
-        # What has rested does so again only if a part of it is new.
-        parts = {j.names: [part for part in race if has_one_less(part, j)] for j in race}
-        asked = [j for j in race if j.names in new or any(part.names in new for part in parts[j.names])]
-        steps = [partial(_rested, result.likelihood.data_set, j, parts[j.names]) for j in asked]
-        first, leading = not known, race[0]
-        for found, beside_it in shared_out(steps, workers):
-            for rested in (found, *beside_it):
-                known[rested.names] = max(known.get(rested.names, -np.inf), rested.evidence)
-        # What was not looked at is not credited with what the best gains.
-        lost = max(leading.evidence - known[leading.names], 0.0) if first else lost
-        result = _with_evidence(result, known)
-    return _with_evidence(result, known, lost)
-
-
-def _with_evidence(result: SearchResult, known: Mapping[tuple[str, ...], float], lost: float = 0.0) -> SearchResult:
-    """The search with log evidence that is known by now; all others lose some."""
-    fitted = [replace(j, evidence=known.get(j.names, j.evidence - lost)) for j in result.fitted]
-    return replace(result, fitted=sorted(fitted, key=lambda j: -j.evidence))
-
-
-def _rested(
-    data_set: WhitenedDataSet, fitted: FittedHypothesis, parts: Sequence[FittedHypothesis]
-) -> tuple[FittedHypothesis, list[FittedHypothesis]]:
-    """A hypothesis about its own states, and others about these states."""
-    there, found = at_rest(data_set, fitted)
-    likelihood = MarginalLikelihood(there)
-    return found, [refine(beside(likelihood, p.hypothesis), p.hypothesis, *p.best) for p in parts]
-
-
-def _race(result: SearchResult) -> list[FittedHypothesis]:
-    """What :func:`settled` settles, the best first."""
-    # Of gusts the course is integrated out about the states of the steady wind.
-    steady = [j for j in result.fitted if not any(e.random for e in j.hypothesis.effects)]
-    worthy = {j.names for j in _worthy(result)}
-    named = [j for j in steady if j.names in worthy]
-    if not named or not likelier_than_calm_water(result, named[0]):
-        return []
-    race = [j for j in named if j.evidence > named[0].evidence - MAX_DEFICIT_IN_RACE][:MAX_IN_RACE]
-    for several in race[:]:
-        fewer = [j for j in steady if has_one_less(j, several)]
-        race += [j for j in fewer[:1] if all(j.names != other.names for other in race)]
-    return race if len(race) > 1 else []
 
 
 def decide(result: SearchResult) -> Decision:
@@ -224,7 +179,8 @@ def decide(result: SearchResult) -> Decision:
     # A fitted model has errors that a formula takes up: to be claimed it must hold on other runs first.
     trained = is_fitted(data_set.dynamics)
     unmodelled = unknown_evidence(there, result.none, None if trained else formula)
-    worthy, names = _worthy(result), effects_tried(result)
+    rule = 0.0 if trained or formula is None else unmodelled - unknown_evidence(there, result.none, None)
+    worthy, names = plausible(result), effects_tried(result)
     log_weight = _log_weights(none, unmodelled, worthy, len(names))
     best = worthy[int(log_weight[2:].argmax())] if worthy else None
     more, named_too = _by_usual_receiver(replace(result, likelihood=there), best, unmodelled)
@@ -251,6 +207,7 @@ def decide(result: SearchResult) -> Decision:
         best=best,
         bayes={n: max(j.evidence for j in result.fitted if n in j.names) - none for n in names},
         unmodelled=unmodelled - none,
+        without_rule=unmodelled - none - rule,
         claims=_claims(result, best if named and shares[1] < 0.5 else None, formula, strange),
         formula=formula,
         lead=float(log_weight[1] - log_weight[2:].max()) if named and shares[1] >= 0.5 else 0.0,
@@ -338,7 +295,7 @@ def _claims(
         fewer = [j for j in result.fitted if len(j.names) == size and set(j.names) < set(claims[0].names)]
         claims += fewer if size > 1 else fewer[:1]
     steady = [j for j in result.fitted if best and is_without_gusts(j, best)][:1]
-    near = [j for j in _worthy(result) if best and are_rivals(best, j) and not is_without_gusts(j, best)]
+    near = [j for j in plausible(result) if best and are_rivals(best, j) and not is_without_gusts(j, best)]
     rivals = near[: MAX_IN_RACE - 1]
     claims[1:1] = [*steady, *rivals]
     # What the last effect of a rival adds is told beside the best of its parts, too.
@@ -387,7 +344,7 @@ def _without_gusts(fitted: FittedHypothesis) -> frozenset[str]:
     return frozenset(e.variant_of if e.random else e.name for e in fitted.hypothesis.effects)
 
 
-def _worthy(result: SearchResult) -> list[FittedHypothesis]:
+def plausible(result: SearchResult) -> list[FittedHypothesis]:
     """Hypotheses of which no effect is there by chance and no event is where it cannot be, best first."""
     known = {frozenset(j.names): j.evidence for j in reversed(result.fitted)}
     return [j for j in result.fitted if worth_its_size(j, known) and not _event_on_bound(j.hypothesis)]

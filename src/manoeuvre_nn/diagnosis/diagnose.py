@@ -10,9 +10,6 @@ from manoeuvre_nn.diagnosis import checks as checking
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.causes import causes_of
 from manoeuvre_nn.diagnosis.claims import Proved, decided, error_after, unit_of_error
-from manoeuvre_nn.diagnosis.decision import (
-    settled,
-)
 from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
 from manoeuvre_nn.diagnosis.nature import nature_of
@@ -21,6 +18,7 @@ from manoeuvre_nn.diagnosis.proof import in_held_out_runs, prove
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
 from manoeuvre_nn.diagnosis.result import USABLE_MODEL, Cause, Check, Diagnosis, Proof, Residual, rmse
 from manoeuvre_nn.diagnosis.search import Progress, SearchResult, search
+from manoeuvre_nn.diagnosis.settled import settled
 from manoeuvre_nn.diagnosis.words import (
     left_open,
     nature_sentence,

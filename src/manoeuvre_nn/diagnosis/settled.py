@@ -1,0 +1,88 @@
+"""Hypotheses near the best about their own states, before they are weighed: all were linearised about the same ones."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from manoeuvre_nn.diagnosis.decision import (
+    MAX_DEFICIT_IN_RACE,
+    MAX_IN_RACE,
+    MAX_SETTLED,
+    has_one_less,
+    likelier_than_calm_water,
+    plausible,
+)
+from manoeuvre_nn.diagnosis.fits import at_rest, refine
+from manoeuvre_nn.diagnosis.search import SearchResult
+from manoeuvre_nn.diagnosis.workers import shared_out
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.relinearise import beside
+
+
+def settled(result: SearchResult, workers: int = 1) -> SearchResult:
+    """The search with the hypotheses that are still in the race linearised about their own states until these rest.
+
+    They are those within :data:`MAX_DEFICIT_IN_RACE` of the best, and of several effects the best with one of them
+    less: what the last one adds about common states it need not add about its own, nor beside the same without it
+    about these. Where these lose, the next best come in their place. One effect alone is in no race. All were
+    linearised about the same states before; what is never in the race loses what the best loses.
+
+    Args:
+        result: Of the search.
+        workers: Processes among which they are shared out.
+
+    Returns:
+        The same with their evidence about their own states.
+    """
+    known, lost = dict[tuple[str, ...], float](), 0.0
+    while len(known) < MAX_SETTLED:
+        race = _race(result)
+        new = {j.names for j in race} - known.keys()
+        if not new:
+            break
+        # What has rested does so again only if a part of it is new.
+        parts = {j.names: [part for part in race if has_one_less(part, j)] for j in race}
+        asked = [j for j in race if j.names in new or any(part.names in new for part in parts[j.names])]
+        steps = [partial(_rested, result.likelihood.data_set, j, parts[j.names]) for j in asked]
+        first, leading = not known, race[0]
+        for found, beside_it in shared_out(steps, workers):
+            for rested in (found, *beside_it):
+                known[rested.names] = max(known.get(rested.names, -np.inf), rested.evidence)
+        # What was not looked at is not credited with what the best gains.
+        lost = max(leading.evidence - known[leading.names], 0.0) if first else lost
+        result = _with_evidence(result, known)
+    return _with_evidence(result, known, lost)
+
+
+def _with_evidence(result: SearchResult, known: Mapping[tuple[str, ...], float], lost: float = 0.0) -> SearchResult:
+    """The search with log evidence that is known by now; all others lose some."""
+    fitted = [replace(j, evidence=known.get(j.names, j.evidence - lost)) for j in result.fitted]
+    return replace(result, fitted=sorted(fitted, key=lambda j: -j.evidence))
+
+
+def _rested(
+    data_set: WhitenedDataSet, fitted: FittedHypothesis, parts: Sequence[FittedHypothesis]
+) -> tuple[FittedHypothesis, list[FittedHypothesis]]:
+    """A hypothesis about its own states, and others about these states."""
+    there, found = at_rest(data_set, fitted)
+    likelihood = MarginalLikelihood(there)
+    return found, [refine(beside(likelihood, p.hypothesis), p.hypothesis, *p.best) for p in parts]
+
+
+def _race(result: SearchResult) -> list[FittedHypothesis]:
+    """What :func:`settled` settles, the best first."""
+    # Of gusts the course is integrated out about the states of the steady wind.
+    steady = [j for j in result.fitted if not any(e.random for e in j.hypothesis.effects)]
+    worthy = {j.names for j in plausible(result)}
+    named = [j for j in steady if j.names in worthy]
+    if not named or not likelier_than_calm_water(result, named[0]):
+        return []
+    race = [j for j in named if j.evidence > named[0].evidence - MAX_DEFICIT_IN_RACE][:MAX_IN_RACE]
+    for several in race[:]:
+        fewer = [j for j in steady if has_one_less(j, several)]
+        race += [j for j in fewer[:1] if all(j.names != other.names for other in race)]
+    return race if len(race) > 1 else []
