@@ -14,7 +14,8 @@ from test_hypotheses_judged import hypothesis, stand
 from tiers import mainly
 from trials import CALM, SHIP, values
 
-from manoeuvre_nn.diagnosis import decision, diagnose, proof
+from manoeuvre_nn.diagnosis import claims as proving
+from manoeuvre_nn.diagnosis import decision, proof
 from manoeuvre_nn.diagnosis.decision import MAX_SETTLED, decide
 from manoeuvre_nn.diagnosis.fits import at_rest, refine
 from manoeuvre_nn.effect.current import Current
@@ -148,10 +149,10 @@ def test_gusts_must_add_six_in_fitted_and_held_out_runs_to_the_steady_wind(monke
     claims = decision._claims(found(gusty, other, steady), gusty, None, False)
     assert claims[:2] == [gusty, steady] and claims.count(steady) == 1
     assert decision._claims(found(gusty, steady), steady, None, False)[0] is steady, "gusts are no further effect"
-    monkeypatch.setattr(diagnose, "at_rest", lambda data_set, j: (data_set, j))
-    monkeypatch.setattr(diagnose, "in_held_out_runs", lambda question, j, known: replace(j, evidence=steady_there))
+    monkeypatch.setattr(proving, "at_rest", lambda data_set, j: (data_set, j))
+    monkeypatch.setattr(proving, "in_held_out_runs", lambda question, j, known: replace(j, evidence=steady_there))
     alone = [c for c in claims if len(c.names) == len(gusty.names)]
-    assert diagnose._last_effect_helps(None, found(), gusty, 20.0, alone) is helps
+    assert proving._last_effect_helps(None, found(), gusty, 20.0, alone) is helps
 
 
 def test_the_decision_is_made_on_what_all_priors_say(monkeypatch):
