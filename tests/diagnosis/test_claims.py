@@ -54,7 +54,7 @@ def test_an_event_that_no_held_out_run_had_is_named_by_published_coefficients_al
     assert chosen.names == (() if trained else ("side_force",)) and "did not act in a held-out run" in check.text
 
 
-SAILED = Check(REPAIRED_SAILS, True, "")
+SAILED, MORE = Check(REPAIRED_SAILS, True, ""), "more is left than in calm water"
 
 
 def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=()) -> tuple:
@@ -87,8 +87,9 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(
         ),
     }.items():  # fmt: skip
         monkeypatch.setattr(proving, name, made)
-    failed = {claims[0].names: [Check(name, False, "") for name in poor if name != REPAIRED_SAILS]}
+    failed = {claims[0].names: [Check(name, False, "") for name in poor if name not in (REPAIRED_SAILS, MORE)]}
     monkeypatch.setattr(proving.checking, "checks", lambda _, j: failed.get(j.names, []))
+    monkeypatch.setattr(proving.checking, "more_is_left", lambda _, j: MORE in poor and j.names == claims[0].names)
     asked, tried = Mock(workers=1, case=Mock(held_out=[1], fitted=[1])), SimpleNamespace(likelihood=Mock(), none=none)
     return proving._proved(asked, tried, claims, Check(RIGHT_SHIP, RIGHT_SHIP not in poor, ""))
 
@@ -104,15 +105,18 @@ def test_what_fitted_runs_leave_open_held_out_ones_settle(monkeypatch, gain, cho
 
 
 ALL_THREE, ELSEWHERE = (checking.ON_BOUNDS, checking.LEFT, REPAIRED_SAILS), (checking.ON_BOUNDS, RIGHT_SHIP)
+WORSE = (checking.ON_BOUNDS, checking.LEFT, MORE)
 
 
-@pytest.mark.parametrize("poor", [ALL_THREE, ALL_THREE[:2], ALL_THREE[1:], ALL_THREE[::2], ELSEWHERE, ELSEWHERE[1:]])
+@pytest.mark.parametrize(
+    "poor", [ALL_THREE, ALL_THREE[:2], ALL_THREE[1:], ALL_THREE[::2], ELSEWHERE, ELSEWHERE[1:], WORSE, WORSE[1:]]
+)
 @pytest.mark.parametrize("gap", [2.0, 9.0])
 def test_a_claim_that_is_only_the_nearest_gives_way_to_the_next(monkeypatch, poor, gap):
     """At the end of its range, with as much left, and free runs that miss, or another ship. A rival or no rival."""
     claims, gains = [fit(120.0, "current"), fit(120.0 - gap, "log_scale")], {("current",): 30.0, ("log_scale",): 20.0}
     found, _, checks = proved(monkeypatch, claims, gains, {}, poor=poor)
-    refused = poor in (ALL_THREE, ELSEWHERE)
+    refused = poor in (ALL_THREE, ELSEWHERE, WORSE)
     assert (found.names, checks[0].passed) == ((("log_scale",), False) if refused else (("current",), True))
     assert ("at an end of what is possible" in checks[0].text) == refused
     if poor == ELSEWHERE:
@@ -159,7 +163,7 @@ def test_events_that_do_not_sail_stand_again_where_nothing_else_passes_or_is_nea
     monkeypatch, formula, error, chosen
 ):
     claims, said = [fit(120.0, "side_force"), fit(115.0, "formula")], {("side_force",): checking.ANY_FORCE}
-    monkeypatch.setattr(proving.checking, "only_nearest", lambda j, checks: said.get(j.names, ""))
+    monkeypatch.setattr(proving.checking, "only_nearest", lambda j, *_: said.get(j.names, ""))
     errors = {("side_force",): (1.5, 1.5), ("formula",): (error, error)}
     found, _, checks = proved(monkeypatch, claims, {("side_force",): 30.0, ("formula",): formula}, errors)
     assert found.names == (chosen,) and checks[0].passed == (chosen == "side_force")

@@ -29,17 +29,19 @@ def checks(tried: SearchResult, chosen: FittedHypothesis) -> list[Check]:
     return [_off_bounds(chosen), _as_published(chosen), _little_left(tried, chosen), _same_in_all_runs(tried, chosen)]
 
 
-def only_nearest(claim: FittedHypothesis, checks: Sequence[Check]) -> str:
+def only_nearest(claim: FittedHypothesis, checks: Sequence[Check], more_left: bool = False) -> str:
     """Why a claim is only the nearest to something else.
 
     Args:
         claim: It.
         checks: Tests that it was put to.
+        more_left: Whether more is left of the missing force than in calm water (:func:`more_is_left`).
 
     Returns:
         Empty, but in four cases. Its numbers are at an end of what is possible, and beside it coefficients would have
-        to be another ship's. They are, or its formula is off what is published, as much is left of the missing force as
-        in calm water, and free runs of held-out manoeuvres miss by more than is unknown. Or they miss so, and all of it
+        to be another ship's. They are, or its formula is off what is published, and more is left of the missing force
+        than in calm water, so that free runs may miss by anything, or as much, and free runs of held-out manoeuvres
+        miss by more than is unknown. Or they miss so, and all of it
         are events: with times of their own in every run these come near to any force. Or its formula is off what is
         published, and coefficients need not be: they are where an effect is large and of another form, and of a model
         that was fitted nobody asks.
@@ -47,7 +49,7 @@ def only_nearest(claim: FittedHypothesis, checks: Sequence[Check]) -> str:
     failed = {check.name for check in checks if not check.passed}
     if {ON_BOUNDS, RIGHT_SHIP} <= failed:
         return "its numbers are at an end of what is possible, and beside it this is not the ship"
-    if failed & {ON_BOUNDS, FORM} and {LEFT, REPAIRED_SAILS} <= failed:
+    if failed & {ON_BOUNDS, FORM} and (more_left or {LEFT, REPAIRED_SAILS} <= failed):
         return "its numbers are at an end of what is possible or published, and as much is left as in calm water"
     if REPAIRED_SAILS in failed and claim.names and all(effect.timed for effect in claim.hypothesis.effects):
         return ANY_FORCE
@@ -78,15 +80,24 @@ def _forms_off(chosen: FittedHypothesis) -> list[tuple[str, float]]:
 
 def _little_left(tried: SearchResult, chosen: FittedHypothesis) -> Check:
     """What stays unexplained should be small against what was explained."""
-    levels = tried.likelihood.data_set.levels
-    # The course of gusts is integrated out where they were found, and taken for a random force about own states.
-    best = next((j.best for j in tried.fitted if j.random and j.names == chosen.names), chosen.best)
-    before, after = levels[tried.none.best[0]].max(), levels[best[0]].max()
+    before, after = _left(tried, tried.none), _left(tried, chosen)
     text = (
         f"a random force of {100 * after:.2g} % of the resistance and of the force of 20 deg of rudder is left, "
         f"{100 * before:.2g} % in calm water"
     )
-    return Check(LEFT, bool(after < 1.5e-2 or after < before), text)
+    return Check(LEFT, after < 1.5e-2 or after < before, text)
+
+
+def _left(tried: SearchResult, j: FittedHypothesis) -> float:
+    """Process noise beside a hypothesis, over the resistance and the force of 20 deg of rudder."""
+    # The course of gusts is integrated out where they were found, and taken for a random force about own states.
+    best = next((found.best for found in tried.fitted if found.random and found.names == j.names), j.best)
+    return float(tried.likelihood.data_set.levels[best[0]].max())
+
+
+def more_is_left(tried: SearchResult, chosen: FittedHypothesis) -> bool:
+    """Whether a claim leaves more of the missing force than calm water does."""
+    return _left(tried, chosen) > _left(tried, tried.none)
 
 
 def _same_in_all_runs(tried: SearchResult, chosen: FittedHypothesis) -> Check:

@@ -126,7 +126,8 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         best = max((t for t in put([claim, *rivals]) if t.helped), key=lambda t: t.evidence)
         sailed = [repaired_check(question, tried, best.fitted, best.there)] if question.case.held_out else []
         of_best = [*sailed, *checking.checks(tried, best.fitted)]
-        why = checking.only_nearest(best.fitted, [*of_best, *before_it])
+        more_left = checking.more_is_left(tried, best.fitted)
+        why = checking.only_nearest(best.fitted, [*of_best, *before_it], more_left)
         passed = best.fitted, best.proofs, [*(t.check for t in known.values()), *of_best]
         if not why and second_best and error_after(question, second_best[1]) < error_after(question, best.proofs):
             break  # events that do not sail held-out runs are nearer to these than what would take their place
