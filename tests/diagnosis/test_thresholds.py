@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from pytest import approx
 from searches import EFFECTS, fitted, found
+from trials import SHIP
 
 from manoeuvre_nn.diagnosis import checks, claims
 from manoeuvre_nn.diagnosis import decision as under_test
@@ -21,10 +22,11 @@ from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.diagnosis.search import worth_its_size
 from manoeuvre_nn.diagnosis.unknown import ReceiverWander
+from manoeuvre_nn.effect.current import TidalCurrent
 from manoeuvre_nn.effect.roll import RollCoupling
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
-from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -326,3 +328,22 @@ def test_what_is_only_the_nearest_to_something_else_is_told_by_two_or_three_test
     effects = [SimpleNamespace(timed=columns) for columns in timed]
     claim = SimpleNamespace(names=("some",) * len(effects), hypothesis=SimpleNamespace(effects=effects))
     assert bool(checks.only_nearest(claim, made)) is nearest
+
+
+@pytest.mark.parametrize(
+    "speeds, sd, passed",
+    [
+        ((0.006, 0.013, 0.011), 0.005, False),  # an error of the receiver that grows from the start of each recording
+        ((0.006, 0.013), 0.005, True),  # two runs may begin at slack water
+        ((0.006, 0.013, 0.3), 0.005, True),
+        ((0.006, 0.013, 0.011), 0.2, True),  # nobody knows
+    ],
+)
+def test_a_stream_that_is_still_as_each_of_many_runs_begins_is_not_believed(speeds, sd, passed):
+    effect = TidalCurrent(SHIP)
+    rows = np.array([[speed, 200.0, 0.8] for speed in speeds])
+    h = Hypothesis((effect,), (rows,))
+    tide = FittedHypothesis(h, 0.0, np.zeros((1, 1)), sd**2 * np.eye(len(h.vector())))
+    (check,) = checks._goes_on(tide)
+    assert check.passed is passed and bool(checks.only_nearest(tide, [check])) is not passed
+    assert checks._goes_on(fitted(0.0, "current")) == [], "what all runs share"

@@ -18,6 +18,10 @@ MAX_FORM_SDS = 4.0
 """Prior standard deviations by which an uncertain part of a formula may be off: chance exceeds it in one of 16,000."""
 ON_BOUNDS, FORM, LEFT = "parameters off their bounds", "the formula is as published", "little is left"
 """Names of three tests."""
+BEGINS_ANEW = "it goes on from run to run"
+"""Name of the test of what each run has of its own."""
+MIN_CHANCE_OF_ZEROS = 1e-3
+"""Chance that a value which each run has of its own is so near to 0 in all of them, from which it is not believed."""
 ANY_FORCE = "events at any times come near to any force, and held-out runs are not sailed with these"
 """Why a claim gives way that stands again where nothing else passes."""
 INDISTINGUISHABLE = 9.0
@@ -26,7 +30,8 @@ INDISTINGUISHABLE = 9.0
 
 def checks(tried: SearchResult, chosen: FittedHypothesis) -> list[Check]:
     """Everything that a claim must pass besides its probability."""
-    return [_off_bounds(chosen), _as_published(chosen), _little_left(tried, chosen), _same_in_all_runs(tried, chosen)]
+    found = [_off_bounds(chosen), _as_published(chosen), _little_left(tried, chosen), _same_in_all_runs(tried, chosen)]
+    return [*found, *_goes_on(chosen)]
 
 
 def only_nearest(claim: FittedHypothesis, checks: Sequence[Check], more_left: bool = False) -> str:
@@ -38,15 +43,17 @@ def only_nearest(claim: FittedHypothesis, checks: Sequence[Check], more_left: bo
         more_left: Whether more is left of the missing force than in calm water (:func:`more_is_left`).
 
     Returns:
-        Empty, but in four cases. Its numbers are at an end of what is possible, and beside it coefficients would have
-        to be another ship's. They are, or its formula is off what is published, and more is left of the missing force
-        than in calm water, so that free runs may miss by anything, or as much, and free runs of held-out manoeuvres
-        miss by more than is unknown. Or they miss so, and all of it
-        are events: with times of their own in every run these come near to any force. Or its formula is off what is
-        published, and coefficients need not be: they are where an effect is large and of another form, and of a model
-        that was fitted nobody asks.
+        Empty, but in five cases. It begins anew with every recording, as an error of a recorder does. Its numbers are
+        at an end of what is possible, and beside it coefficients would have to be another ship's. They are, or its
+        formula is off what is published, and more is left of the missing force than in calm water, so that free runs
+        may miss by anything, or as much, and free runs of held-out manoeuvres miss by more than is unknown. Or they
+        miss so, and all of it are events: with times of their own in every run these come near to any force. Or its
+        formula is off what is published, and coefficients need not be: they are where an effect is large and of
+        another form, and of a model that was fitted nobody asks.
     """
     failed = {check.name for check in checks if not check.passed}
+    if BEGINS_ANEW in failed:
+        return "it begins at 0 with every recording"
     if {ON_BOUNDS, RIGHT_SHIP} <= failed:
         return "its numbers are at an end of what is possible, and beside it this is not the ship"
     if failed & {ON_BOUNDS, FORM} and (more_left or {LEFT, REPAIRED_SAILS} <= failed):
@@ -86,6 +93,19 @@ def _little_left(tried: SearchResult, chosen: FittedHypothesis) -> Check:
         f"{100 * before:.2g} % in calm water"
     )
     return Check(LEFT, after < 1.5e-2 or after < before, text)
+
+
+def _goes_on(chosen: FittedHypothesis) -> list[Check]:
+    """What changes along a run and has another value at the beginning of each, a tide's stream, is seldom 0 in all."""
+    h = chosen.hypothesis
+    numbers = zip(h.unknowns(), h.vector().tolist(), np.sqrt(np.diag(chosen.covariance)).tolist(), strict=True)
+    own = [(f, abs(value) + 2 * sd) for f, value, sd in numbers if f.parameter.per_run and f.parameter.null == 0.0]
+    if not own:
+        return []
+    # p(|x| < most) by the density of the prior at 0
+    chance = float(np.prod([min(2 * most / (np.sqrt(2 * np.pi) * f.prior_sd(0.0)), 1.0) for f, most in own]))
+    told = f"{own[0][0].parameter.name} is so near to 0 as all of {len(own)} runs begin by chance {chance:.2g}"
+    return [Check(BEGINS_ANEW, chance > MIN_CHANCE_OF_ZEROS, told)]
 
 
 def _left(tried: SearchResult, j: FittedHypothesis) -> float:
