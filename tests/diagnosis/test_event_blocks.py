@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pytest import approx
 from scipy.special import logsumexp
-from test_decisions_of_the_search import fit, proved, proving
+from test_claims_put_to_proof import fit, proved, proving
 from trials import SHIP
 
 from manoeuvre_nn.core.recording import Recording
