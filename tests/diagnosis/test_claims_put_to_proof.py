@@ -6,6 +6,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from test_decisions_of_the_search import fit
 from trials import SHIP, values
 
 from manoeuvre_nn.diagnosis import checks as checking
@@ -16,11 +17,6 @@ from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
-
-
-def fit(evidence: float, *names: str) -> SimpleNamespace:
-    """A fitted hypothesis of these effects."""
-    return SimpleNamespace(evidence=evidence, names=names, best=(4, 3), hypothesis=Hypothesis((), ()), random={})
 
 
 ONE, TWO, RULE = ("current",), ("current", "log_scale"), ("formula",)

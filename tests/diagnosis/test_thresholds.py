@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from pytest import approx
 from searches import EFFECTS, fitted, found
-from trials import SHIP
+from trials import SHIP, values
 
 from manoeuvre_nn.diagnosis import checks, claims
 from manoeuvre_nn.diagnosis import decision as under_test
@@ -23,6 +23,7 @@ from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.diagnosis.search import worth_its_size
 from manoeuvre_nn.diagnosis.unknown import ReceiverWander
 from manoeuvre_nn.effect.current import TidalCurrent
+from manoeuvre_nn.effect.formula import BY_RUN, Formula, library, mark_of
 from manoeuvre_nn.effect.roll import RollCoupling
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
@@ -347,3 +348,11 @@ def test_a_stream_that_is_still_as_each_of_many_runs_begins_is_not_believed(spee
     (check,) = checks._goes_on(tide)
     assert check.passed is passed and bool(checks.only_nearest(tide, [check])) is not passed
     assert checks._goes_on(fitted(0.0, "current")) == [], "what all runs share"
+
+
+def test_small_weights_that_a_formula_has_in_each_run_are_its_sizes():
+    rule = Formula(SHIP, [next(term for term in library() if mark_of(term) == BY_RUN)])
+    h = Hypothesis((rule,), (np.tile(values(rule) * 0 + 0.001, (3, 1)),))
+    assert h.unknowns()[0].parameter.per_run
+    found_rule = FittedHypothesis(h, 0.0, np.zeros((1, 1)), 1e-8 * np.eye(len(h.vector())))
+    assert checks._goes_on(found_rule) == []

@@ -10,6 +10,7 @@ from manoeuvre_nn.diagnosis.advise import apart
 from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.diagnosis.search import SearchResult
+from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
@@ -99,12 +100,14 @@ def _goes_on(chosen: FittedHypothesis) -> list[Check]:
     """What changes along a run and has another value at the beginning of each, a tide's stream, is seldom 0 in all."""
     h = chosen.hypothesis
     numbers = zip(h.unknowns(), h.vector().tolist(), np.sqrt(np.diag(chosen.covariance)).tolist(), strict=True)
-    own = [(f, abs(value) + 2 * sd) for f, value, sd in numbers if f.parameter.per_run and f.parameter.null == 0.0]
+    # Weights of a formula are its sizes: it does not act where they are 0.
+    named = [one for one in numbers if h.effects[one[0].effect].name != Formula.name]
+    own = [(f, abs(value) + 2 * sd) for f, value, sd in named if f.parameter.per_run and f.parameter.null == 0.0]
     if not own:
         return []
     # p(|x| < most) by the density of the prior at 0
     chance = float(np.prod([min(2 * most / (np.sqrt(2 * np.pi) * f.prior_sd(0.0)), 1.0) for f, most in own]))
-    told = f"{own[0][0].parameter.name} is so near to 0 as all of {len(own)} runs begin by chance {chance:.2g}"
+    told = f"that {own[0][0].parameter.name} is so near to 0 where each of {len(own)} runs begins has probability {chance:.2g}"
     return [Check(BEGINS_ANEW, chance > MIN_CHANCE_OF_ZEROS, told)]
 
 
