@@ -107,7 +107,9 @@ def _goes_on(chosen: FittedHypothesis) -> list[Check]:
         return []
     # p(|x| < most) by the density of the prior at 0
     chance = float(np.prod([min(2 * most / (np.sqrt(2 * np.pi) * f.prior_sd(0.0)), 1.0) for f, most in own]))
-    told = f"that {own[0][0].parameter.name} is so near to 0 where each of {len(own)} runs begins has probability {chance:.2g}"
+    told = (
+        f"{own[0][0].parameter.name}: probability {chance:.2g} of being so near to 0 as each of {len(own)} runs begins"
+    )
     return [Check(BEGINS_ANEW, chance > MIN_CHANCE_OF_ZEROS, told)]
 
 
