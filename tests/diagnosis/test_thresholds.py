@@ -82,12 +82,13 @@ def test_calm_water_and_one_effect_are_likelier_than_several_and_than_something_
 def decided(monkeypatch):
     """Decides on log Bayes factors over calm water, those of something unknown and of its formula among them."""
 
-    def run(gains: dict, unmodelled=-9.0, rule=None, lacked=None, wandering=(-np.inf,) * 2) -> Decision:
+    def run(gains: dict, unmodelled=-9.0, rule=None, lacked=None, wandering=(-np.inf,) * 2, loose=-9.0) -> Decision:
         calm, named = wandering  # seen by a receiver that wanders: calm water, and the best hypothesis with a name
         monkeypatch.setattr(under_test, "beside", lambda likelihood, hypothesis: likelihood)
         monkeypatch.setattr(under_test, "gain_by_coefficient_priors", lambda data_set, j: 0.0)
         monkeypatch.setattr(under_test, "short_formula", lambda there, none: rule)
-        monkeypatch.setattr(under_test, "unknown_evidence", lambda there, none, formula: unmodelled - 3.0)
+        told = lambda there, none, formula: (unmodelled if formula or rule is None else loose) - 3.0  # noqa: E731
+        monkeypatch.setattr(under_test, "unknown_evidence", told)
         wanders = lambda there, j: ReceiverWander(1.0, 60.0, (named if j.names else calm) - 3.0)  # noqa: E731
         monkeypatch.setattr(under_test, "receiver_wander", wanders)
         monkeypatch.setattr(under_test, "is_fitted", lambda dynamics: lacked is not None)
@@ -237,6 +238,21 @@ def test_published_coefficients_are_off_by_three_per_cent():
 def test_little_is_left_below_one_and_a_half_per_cent_or_where_calm_water_left_more(left, before, passed):
     check = checks._little_left(found(levels=[(0.0, before), (left, 0.0)]), fitted(0.0, "current", best=(1, 0)))
     assert check.passed is passed
+
+
+@pytest.mark.parametrize("left, more", [(0.2, True), (0.15, False), (0.1, False)])
+def test_more_is_left_than_in_calm_water_only_where_the_level_is_higher(left, more):
+    tried = found(levels=[(0.0, 0.15), (left, 0.0)])
+    assert checks.more_is_left(tried, fitted(0.0, "current", best=(1, 0))) is more
+
+
+@pytest.mark.parametrize("loose, wandering, rests", [(6.9, -np.inf, True), (7.1, -np.inf, False), (9.0, 3.0, True)])
+def test_something_unknown_rests_on_its_formula_where_it_is_no_likelier_than_seven_without(
+    decided, loose, wandering, rests
+):
+    """Seen by a receiver that wanders calm water gains ln((1 + e^3) / 2) = 2.36 on both."""
+    d = decided({}, unmodelled=12.0, rule=fitted(12.0, "current"), wandering=(wandering, -np.inf), loose=loose)
+    assert d.strange and d.rests_on_formula is rests
 
 
 @pytest.mark.parametrize("random, passed", [({"gust_sd": (2.0, 0.3)}, True), ({}, False)])

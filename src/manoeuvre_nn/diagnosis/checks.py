@@ -19,7 +19,7 @@ MAX_FORM_SDS = 4.0
 """Prior standard deviations by which an uncertain part of a formula may be off: chance exceeds it in one of 16,000."""
 ON_BOUNDS, FORM, LEFT = "parameters off their bounds", "the formula is as published", "little is left"
 """Names of three tests."""
-BEGINS_ANEW = "it goes on from run to run"
+BEGINS_ANEW = "it does not begin anew with each run"
 """Name of the test of what each run has of its own."""
 MIN_CHANCE_OF_ZEROS = 1e-3
 """Chance that a value which each run has of its own is so near to 0 in all of them, from which it is not believed."""
@@ -58,7 +58,7 @@ def only_nearest(claim: FittedHypothesis, checks: Sequence[Check], more_left: bo
     if {ON_BOUNDS, RIGHT_SHIP} <= failed:
         return "its numbers are at an end of what is possible, and beside it this is not the ship"
     if failed & {ON_BOUNDS, FORM} and (more_left or {LEFT, REPAIRED_SAILS} <= failed):
-        return "its numbers are at an end of what is possible or published, and as much is left as in calm water"
+        return "its numbers are at an end of what is possible or published, and no less is left than in calm water"
     if REPAIRED_SAILS in failed and claim.names and all(effect.timed for effect in claim.hypothesis.effects):
         return ANY_FORCE
     if FORM in failed and any(check.name == RIGHT_SHIP and check.passed for check in checks):

@@ -40,7 +40,8 @@ REFUTED = -5.0
 """Log evidence of the held-out runs that refutes any other effect: odds of 150 to 1 against it. Less is weighed with
 what the fitted runs say."""
 MAX_ERROR_GROWTH = 1.05
-"""Growth of the error of free runs that forbids a name; of a fitted model any does, unless evidence there is enough."""
+"""Growth of the error of free runs beyond which an effect is not named. Of a model that was fitted it must not grow at
+all, unless the log evidence of the held-out runs alone is enough for the name."""
 Proved = tuple[FittedHypothesis, list[Proof], list[Check]]
 """A hypothesis, the held-out runs predicted with it, and the tests that it and the claims before it were put to."""
 

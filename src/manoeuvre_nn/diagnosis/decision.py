@@ -178,8 +178,7 @@ def decide(result: SearchResult) -> Decision:
     formula = short_formula(there, result.none)
     # A fitted model has errors that a formula takes up: to be claimed it must hold on other runs first.
     trained = is_fitted(data_set.dynamics)
-    unmodelled = unknown_evidence(there, result.none, None if trained else formula)
-    rule = 0.0 if trained or formula is None else unmodelled - unknown_evidence(there, result.none, None)
+    any_force = unmodelled = unknown_evidence(there, result.none, None if trained else formula)
     worthy, names = plausible(result), effects_tried(result)
     log_weight = _log_weights(none, unmodelled, worthy, len(names))
     best = worthy[int(log_weight[2:].argmax())] if worthy else None
@@ -193,6 +192,8 @@ def decide(result: SearchResult) -> Decision:
     lacked = data_set.levels[result.none.best[0]].max()
     named = best is not None and likelier_than_calm_water(result, best)
     strange = unmodelled - none > MIN_GAIN_OF_UNKNOWN or bool(trained and lacked > MAX_PROCESS_OF_FITTED_MODEL)
+    ruled = strange and formula is not None and not trained
+    rule = any_force - unknown_evidence(there, result.none, None) if ruled else -np.inf
     least = 0.0 if named or strange else MIN_CALM
     most = 1 - MIN_CALM if strange else 1.0
     if not least <= shares[0] <= most:
