@@ -42,6 +42,23 @@ def test_a_named_effect_must_gain_eight_in_fitted_and_held_out_runs_together(
     assert chosen.names == (names if named else ()) and checks[0].passed is named
 
 
+@pytest.mark.parametrize("names, trained, held_out, apart, named", [
+    (ONE, False, -8.0, 2.8, False), (ONE, False, -8.0, 3.2, True), (ONE, False, -23.0, 9.0, False),
+    (ONE, True, 2.8, 9.0, False), (RULE, False, 2.8, 9.0, False),
+])  # fmt: skip
+def test_coefficients_that_take_the_place_of_an_effect_do_not_refute_it_in_other_runs(
+    monkeypatch, names, trained, held_out, apart, named
+):
+    """Held-out runs given the fitted ones tell a pitch error from a thrust of half as much again by little.
+
+    They have to speak for it by themselves, and fitted and held-out runs together too.
+    """
+    claim = fit(130.0, *names)
+    assert proved(monkeypatch, [claim], {names: held_out}, {}, trained, apart=apart)[0].names == (
+        names if named else ()
+    )
+
+
 @pytest.mark.parametrize("trained", [False, True])
 def test_an_event_that_no_held_out_run_had_is_named_by_published_coefficients_alone(monkeypatch, trained):
     """It is taken for an error of a fitted model, whatever the held-out runs gain by what was fitted beside it."""
@@ -53,9 +70,10 @@ def test_an_event_that_no_held_out_run_had_is_named_by_published_coefficients_al
 SAILED, MORE = Check(REPAIRED_SAILS, True, ""), "more is left than in calm water"
 
 
-def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=()) -> tuple:
+def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(), apart=0.0) -> tuple:
     """What is chosen among claims with these gains in held-out runs; errors of effects alone, with corrections.
 
+    By themselves, coefficients unknown, held-out runs make each of them so much likelier than calm water (``apart``).
     Those of ``surplus`` have one effect too many; the first fails the tests ``poor``.
     """
     none = fit(100.0)
@@ -72,8 +90,8 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(
         "prove": prove, "at_rest": lambda data_set, j: (data_set, j), "averaged": lambda data_set, j: j,
         "over_directions": lambda data_set, j: j,
         "replace": lambda j, **new: SimpleNamespace(**{**vars(j), **new}) if hasattr(j, "names") else replace(j, **new),
-        "in_held_out_runs": lambda question, j, known: SimpleNamespace(
-            hypothesis=acting, evidence=7.0 + gains.get(j.names, 0.0)
+        "in_held_out_runs": lambda question, j, known=None: SimpleNamespace(
+            hypothesis=acting, evidence=7.0 + (gains.get(j.names, 0.0) if known else apart * bool(j.names))
         ),
         "is_fitted": lambda dynamics: trained, "_cost": lambda question, errors: errors[0]["cost"],
         "_last_effect_helps": lambda question, tried, claim, *_: claim.names not in surplus,

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from searches import fitted as by_hand
 from trials import SHIP, values
 
 from manoeuvre_nn.core.effect import Effect
@@ -259,3 +260,20 @@ def test_the_form_of_an_effect_is_fitted_at_each_start_of_its_size_first():
         asked.clear()
         start = Hypothesis((effect,), (values(effect),))
         assert fits._in_form(likelihood, start, 6, 2).fixed == frozenset() and asked == fixed
+
+
+@pytest.mark.parametrize("there, here", [(100.0, 92.0), (130.0, 134.0), (90.0, 82.0), (120.0, 120.0)])
+def test_about_other_states_what_does_as_well_as_calm_water_still_does_and_what_does_as_well_as_the_leading_one(
+    there, here
+):
+    """Calm water loses eight, the leading one, forty ahead, gains eight: the others lie between them or behind."""
+    calm, leading = (by_hand(100.0), by_hand(92.0)), (by_hand(140.0, "current"), by_hand(148.0, "current"))
+    (found,) = under_test._between(calm, leading, [by_hand(there, "log_scale")])
+    assert (found.names, found.evidence) == (("log_scale",), pytest.approx(here))
+
+
+def test_about_the_states_of_calm_water_all_gain_what_it_gains():
+    calm = by_hand(100.0), by_hand(107.0)
+    assert [j.evidence for j in under_test._between(calm, calm, [by_hand(104.0, "current"), by_hand(95.0)])] == [
+        111.0, 102.0
+    ]  # fmt: skip

@@ -37,8 +37,8 @@ inequality)."""
 PROVED = 3.0
 """Log evidence that a formula must add on held-out runs, and any effect where the model was fitted."""
 REFUTED = -5.0
-"""Log evidence of the held-out runs that refutes any other effect: odds of 150 to 1 against it. Less is weighed with
-what the fitted runs say."""
+"""Log evidence of the held-out runs that refutes any other effect: odds of 150 to 1 against it, whether coefficients
+are known from the fitted runs or not. Less is weighed with what the fitted runs say."""
 MAX_ERROR_GROWTH = 1.05
 """Growth of the error of free runs beyond which an effect is not named. Of a model that was fitted it must not grow at
 all, unless the log evidence of the held-out runs alone is enough for the name."""
@@ -209,7 +209,7 @@ def _put_to_proof(
         made = prove(question, replace(j, corrections=0 * j.corrections), there.hypothesis, proofs)
         after = error_after(question, made)
     enough = claim.evidence - tried.none.evidence + gain > least_of_named
-    better = gain > least and after <= most
+    better = (gain > least or _likelier_by_themselves(question, tried.none, j, least)) and after <= most
     tested = bool(made) and any(acting(there.hypothesis, question.case.held_out))
     foretold = enough and (better if tested else not (trained and made))
     # Small errors of its state take free runs of a ship that is unstable on course far from any recording, whatever
@@ -225,6 +225,27 @@ def _put_to_proof(
     check = Check(GAIN, foretold and lasting, text if tested else f"{untested}: not proved")
     evidence = claim.evidence + there.evidence
     return _Tried(j, there.hypothesis, made, check, evidence, likelier and lasting)
+
+
+def _likelier_by_themselves(question: Question, none: FittedHypothesis, j: FittedHypothesis, least: float) -> bool:
+    """Whether held-out runs make a named effect likelier than calm water where nothing is known of coefficients.
+
+    Coefficients that the fitted runs moved far, to explain without it what it does, do the same in the held-out ones:
+    these say then which of the two is a little better, and not that they speak against it.
+
+    Args:
+        question: What is asked.
+        none: Calm water.
+        j: The claim.
+        least: Log evidence that it must add; a formula and an effect beside a fitted model, which must add some, do not
+            profit.
+
+    Returns:
+        Whether its log evidence there is larger by :data:`PROVED`.
+    """
+    if least > REFUTED:
+        return False
+    return in_held_out_runs(question, j).evidence - in_held_out_runs(question, none).evidence > PROVED
 
 
 def _averaged(known: WhitenedDataSet, j: FittedHypothesis) -> FittedHypothesis:

@@ -6,6 +6,8 @@ from functools import partial
 from itertools import product
 from math import inf
 
+import numpy as np
+
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.fits import (
     PUBLISHED_SD_LEVEL,
@@ -217,7 +219,7 @@ def _beside_published(none: FittedHypothesis, singles: Sequence[FittedHypothesis
 
 
 def _again(so_far: SearchResult, about: FittedHypothesis, workers: int) -> SearchResult:
-    """The best few and calm water about the states of one of them; the others keep their distance to that one."""
+    """The best few and calm water about the states of one of them; the others keep their place between these two."""
     data_set, leading = at_rest(so_far.likelihood.data_set, about)
     there = MarginalLikelihood(with_likely_coefficient_prior(data_set, leading))
     for followed in (data_set, so_far.likelihood.data_set):
@@ -225,10 +227,35 @@ def _again(so_far: SearchResult, about: FittedHypothesis, workers: int) -> Searc
     calm = beside(there, so_far.none.hypothesis).evaluate(so_far.none.hypothesis, around=so_far.none.best[0])
     anew = [partial(refine, there, j.hypothesis, *j.best) for j in so_far.fitted[:MAX_BUILT_UPON]]
     best = list(shared_out(anew, workers))
-    # Not to calm water: where that misses much, its own evidence changes by more than what parts the others.
-    gained = next((j for j in best if j.names == about.names), calm).evidence - about.evidence
-    rest = [replace(j, evidence=j.evidence + gained) for j in so_far.fitted[MAX_BUILT_UPON:]]
+    leading = next((j for j in best if j.names == about.names), calm)
+    rest = _between((so_far.none, calm), (about, leading), so_far.fitted[MAX_BUILT_UPON:])
     return SearchResult(calm, sorted(best + rest, key=lambda j: -j.evidence), there)
+
+
+def _between(
+    calm: tuple[FittedHypothesis, FittedHypothesis],
+    leading: tuple[FittedHypothesis, FittedHypothesis],
+    others: Sequence[FittedHypothesis],
+) -> list[FittedHypothesis]:
+    """Hypotheses that were fitted about other states than calm water and the leading one are by now.
+
+    What does as well as either still does: where calm water misses much, its log evidence changes by more than what
+    parts the leading ones, and where it changes by less they gain nothing on it.
+
+    Args:
+        calm: Calm water there, and here.
+        leading: The leading one there, and here.
+        others: As they were fitted there.
+
+    Returns:
+        Each with what both gain, weighed by how far it stands from calm water towards the leading one.
+    """
+    (low, of_calm), (top, of_leading) = (
+        (there.evidence, here.evidence - there.evidence) for there, here in (calm, leading)
+    )
+    shares = [float(np.clip((j.evidence - low) / (top - low), 0.0, 1.0)) if top > low else 1.0 for j in others]
+    more = [(1 - share) * of_calm + share * of_leading for share in shares]
+    return [replace(j, evidence=j.evidence + gained) for j, gained in zip(others, more, strict=True)]
 
 
 def worth_its_size(fitted: FittedHypothesis, known: Mapping[frozenset[str], float]) -> bool:
