@@ -10,7 +10,8 @@ from searches import fitted
 from trials import SHIP, values
 
 from manoeuvre_nn.core.recording import CAMPAIGN
-from manoeuvre_nn.diagnosis.causes import _spans, _values_of, causes_of
+from manoeuvre_nn.diagnosis import causes
+from manoeuvre_nn.diagnosis.causes import _spans, _values_of, _when, causes_of
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.effect.common import RAMP
 from manoeuvre_nn.effect.current import Current, TidalCurrent
@@ -134,6 +135,20 @@ def test_an_event_that_acts_twice_has_its_times_in_their_order():
     assert [times for times, _ in _spans(h, 0, told(h).covariance, runs(""), None)["r0"]] == [
         (100.0, 160.0), (500.0, 700.0)
     ]  # fmt: skip
+
+
+def test_held_out_runs_have_times_of_what_was_proved_there(monkeypatch):
+    h = pushed(300.0)
+    other = SimpleNamespace(name="held out", meta={}, time=np.linspace(0.0, 900.0, 10))
+    asked, nothing = (SimpleNamespace(case=SimpleNamespace(fitted=runs(""), held_out=some)) for some in ([other], []))
+    there = told(pushed(450.0))
+    monkeypatch.setattr(causes, "in_held_out_runs", lambda question, fitted: there)
+    for proved, names in ((True, {"r0", "held out"}), (False, {"r0"})):
+        found = _when(asked, told(h), 0, proved)
+        assert found is not None and set(found) == names
+    assert [times for times, _ in _when(asked, told(h), 0, True)["held out"]] == [(430.0, 670.0)]
+    assert set(_when(nothing, told(h), 0, True)) == {"r0"}, "no run was held out"
+    assert _when(asked, fitted(9.0, "current"), 0, True) is None, "it acts throughout"
 
 
 def answers(level: float = 1.0) -> tuple[FittedHypothesis, list]:

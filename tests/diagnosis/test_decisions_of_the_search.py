@@ -262,6 +262,32 @@ def test_the_form_of_an_effect_is_fitted_at_each_start_of_its_size_first():
         assert fits._in_form(likelihood, start, 6, 2).fixed == frozenset() and asked == fixed
 
 
+def test_of_many_starts_the_two_most_promising_are_fitted_each_campaigns_own_and_of_up_to_four_all():
+    """What acts in one campaign is sought with nothing in the others: here .4 m/s in the first, 2.2 in the second."""
+    runs = SimpleNamespace(runs=[0, 1, 2], campaigns=(0, 1, 1))
+    asked: list[np.ndarray] = []
+
+    def posterior(h: Hypothesis, level: int) -> SimpleNamespace:
+        (values,) = h.values
+        asked.append(values)
+        here = values[:, 0] != 0
+        near = -abs(values[here, 0] - (0.4 if here[0] else 2.2)) - 1e-3 * abs(values[here, 1] - 90.0)
+        return SimpleNamespace(evidence=[np.nan, near.sum()])
+
+    likelihood = SimpleNamespace(data_set=runs, columns=lambda h: h, posterior=posterior)
+    scale = fits._starts(likelihood, LogScale(SHIP), 0, 1)
+    assert [h.values[0][:, 0].tolist() for h in scale] == [[s] * 3 for s in LogScale(SHIP).declared[0].starts]
+    assert not asked, "four starts are all fitted"
+    effect = Current(SHIP)
+    first, second = (h.values[0] for h in fits._starts(likelihood, effect, 0, 1))
+    speeds = np.array(effect.declared[0].starts)
+    nearest = [float(speeds[abs(speeds - s).argmin()]) for s in (0.4, 2.2, 2.2)]
+    assert first.tolist() == [[s, 90.0] for s in nearest] and second.tolist() != first.tolist()
+    assert all(
+        len({bool(v) for v in values[1:, 0]}) == 1 and (values[0, 0] == 0) != (values[1, 0] == 0) for values in asked
+    )
+
+
 @pytest.mark.parametrize("there, here", [(100.0, 92.0), (130.0, 134.0), (90.0, 82.0), (120.0, 120.0)])
 def test_about_other_states_what_does_as_well_as_calm_water_still_does_and_what_does_as_well_as_the_leading_one(
     there, here

@@ -83,6 +83,34 @@ def test_two_intervals_are_two_blocks_apart_and_a_hole_two_from_the_ends():
     assert everywhere.all() and holes.tolist() == [False, False, True, False, False, True]
 
 
+class Gains:
+    """One interval a stretch of a run, each with the log Bayes factor that it adds, whatever there is beside it."""
+
+    def __init__(self, *gains: float) -> None:
+        times = np.array([[100.0 * k, 100.0 * k + 40.0] for k in range(len(gains))])
+        self.all = event_blocks.Intervals(times, np.eye(len(gains)), np.zeros(len(gains)))
+        self.gains = np.array(gains)
+
+    def intervals(self, may_last: bool, ramp: float) -> event_blocks.Intervals:
+        return self.all
+
+    def ratios(self, row: int, shares: np.ndarray, there: np.ndarray | None = None) -> np.ndarray:
+        return shares @ self.gains - 1e9 * (shares @ (np.zeros(len(self.gains)) if there is None else there))
+
+
+@pytest.mark.parametrize("gains, every, count", [
+    ((-0.1,), False, 0), ((0.1,), False, 1),  # once is more usual than never, but a run that says nothing has none
+    ((9.0, 1.1), False, 1), ((9.0, 1.3), False, 2),  # log(.50 / .15): twice is rarer than once
+    ((9.0, 8.0, 1.0), False, 2), ((9.0, 8.0, 1.2), False, 3),  # log(.15 / .05)
+    ((0.1,), True, 1), ((-0.1,), True, 0),
+])  # fmt: skip
+@pytest.mark.usefixtures("unchecked_types")
+def test_another_interval_is_worth_its_prior(gains, every, count):
+    sets = windows._sets_of_times(Gains(*gains), 0, SideForce(SHIP), 0.0, every)
+    assert [len(times) for times in sets] == list(range(count + 1))
+    assert sets[-1] == tuple((100.0 * k, 100.0 * k + 40.0) for k in range(count))
+
+
 @pytest.mark.parametrize("other, alike", [
     (((10.0, 40.0),), True), (((24.0, 26.0),), True), (((24.0, 56.0),), False), (((26.0, 40.0),), False), ((), False),
 ])  # fmt: skip

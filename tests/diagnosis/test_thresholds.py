@@ -128,6 +128,13 @@ def test_where_held_out_runs_make_calm_water_likelier_nothing_is_left_of_what_wa
     assert after.effects["current"] < 0.5 and decided({"current": -9.0}).with_calm_water().none > 0.6
 
 
+def test_beside_a_fitted_model_no_formula_makes_something_unknown_likelier(decided):
+    """Its errors are taken up by one: what is unknown is weighed without it, and rests on none."""
+    published, fitted_model = (decided({}, 20.0, fitted(17.0, "current"), lacked) for lacked in (None, 0.2))
+    assert (published.unmodelled, fitted_model.unmodelled) == (20.0, -9.0)
+    assert published.without_rule == -9.0 and fitted_model.without_rule > 1e9
+
+
 @pytest.mark.parametrize("unmodelled, strange", [(6.8, False), (7.2, True)])
 def test_something_unknown_is_told_from_seven_on(decided, unmodelled, strange):
     assert decided({"current": -1.0}, unmodelled).strange is strange

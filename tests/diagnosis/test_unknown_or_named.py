@@ -76,6 +76,20 @@ def test_a_name_that_held_out_runs_favour_but_fails_the_proof_leaves_the_unknown
     assert chosen is (scale if proved and sails else FORMULA) and verdict.unknown == approx(unknown, abs=0.005)
 
 
+def test_what_a_fitted_model_lacks_is_claimed_as_it_is_decided(monkeypatch):
+    """Not asked is whether this is the ship, whether calm water sails the runs, or what held-out ones say."""
+    led = Decision(
+        True, True, 0.0, 0.99, {"log_scale": 0.0}, fitted(9.0, "log_scale"), {}, 20.0, [FORMULA], FORMULA, 9.0
+    )
+    monkeypatch.setattr(proving, "decide", lambda tried: led)
+    monkeypatch.setattr(proving, "is_fitted", lambda dynamics: True)
+    for asked in ("right_ship_check", "calm_check", "in_held_out_runs"):
+        monkeypatch.setattr(proving, asked, Mock(side_effect=AssertionError(asked)))
+    monkeypatch.setattr(proving, "_proved", lambda q, tried, some: (list(some), [], []))
+    verdict, (claims, *_) = proving.decided(Mock(), SearchResult(fitted(0.0), [], Mock()))
+    assert verdict is led and claims == [FORMULA]
+
+
 @pytest.mark.parametrize("there, named", [(-1.0, True), (-9.0, False)])
 def test_a_name_that_is_not_proved_is_left_open_unless_all_runs_together_make_calm_water_likelier(
     monkeypatch, there, named
