@@ -14,7 +14,11 @@ from manoeuvre_nn.diagnosis import claims as proving
 from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.effect.current import Current
-from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.effect.depth import ShallowWater
+from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.effect.sensors import LeverArm, RateBias
+from manoeuvre_nn.effect.wind import GustyWind
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -103,9 +107,58 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(
         monkeypatch.setattr(proving, name, made)
     failed = {claims[0].names: [Check(name, False, "") for name in poor if name not in (REPAIRED_SAILS, MORE)]}
     monkeypatch.setattr(proving.checking, "checks", lambda _, j: failed.get(j.names, []))
+    monkeypatch.setattr(proving.checking, "may_be_nothing", lambda j, effect: False)
     monkeypatch.setattr(proving.checking, "more_is_left", lambda _, j: MORE in poor and j.names == claims[0].names)
     asked, tried = Mock(workers=1, case=Mock(held_out=[1], fitted=[1])), SimpleNamespace(likelihood=Mock(), none=none)
     return proving._proved(asked, tried, claims, Check(RIGHT_SHIP, RIGHT_SHIP not in poor, ""))
+
+
+@pytest.mark.parametrize("names, nothing, left", [
+    (TWO, None, TWO), (TWO, 1, ("current",)), (TWO, 0, ("log_scale",)), (ONE, 0, ONE),
+])  # fmt: skip
+def test_of_several_effects_one_that_may_be_nothing_is_left_out(monkeypatch, names, nothing, left):
+    """What is alone is judged by its evidence."""
+    of_all = proved(monkeypatch, [fit(150.0, *names)], {names: 30.0}, {})[0]
+    assert of_all.names == names
+    monkeypatch.setattr(proving.checking, "may_be_nothing", lambda j, effect: effect == nothing)
+    monkeypatch.setattr(proving, "MarginalLikelihood", lambda known: None)
+    monkeypatch.setattr(Hypothesis, "without", lambda h, number: number)
+
+    def refine(likelihood, without, *best):
+        rest = fit(140.0, *(name for k, name in enumerate(names) if k != without))
+        return SimpleNamespace(**{**vars(rest), "hypothesis": of_all.hypothesis, "corrections": np.ones(1)})
+
+    monkeypatch.setattr(proving, "refine", refine)
+    asked, tried = (
+        Mock(workers=1, case=Mock(held_out=[1], fitted=[1])),
+        SimpleNamespace(likelihood=Mock(), none=fit(100.0)),
+    )
+    tried.none.hypothesis, tried.none.corrections = of_all.hypothesis, np.ones(1)
+    claim = fit(150.0, *names)
+    claim.hypothesis, claim.corrections = of_all.hypothesis, np.ones(1)
+    assert proving._proved(asked, tried, [claim])[0].names == left
+
+
+SIZED = [  # effect, offsets of its numbers in standard errors -> whether it may be nothing
+    (RudderOffset(SHIP), (1.9,), True), (RudderOffset(SHIP), (-2.1,), False),
+    (LeverArm(SHIP), (2.1, 1.2), True), (LeverArm(SHIP), (2.1, 1.5), False),  # chi-square of two numbers: 6.2
+    (Current(SHIP), (1.9, 90.0), True), (Current(SHIP), (2.1, 90.0), False),  # a direction is no size
+    (ShallowWater(SHIP), (0.1,), False), (GustyWind(SHIP), (0.1, 90.0), False),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("effect, off, nothing", SIZED)
+def test_an_effect_may_be_nothing_within_two_standard_errors_of_its_sizes(effect, off, nothing):
+    """The second of two, the errors of the first being large."""
+    first, errors = RateBias(SHIP), np.full(len(off), 0.2)
+    own = [p for p in effect.declared if not (p.form or p.random)]
+    own_values = values(effect)
+    for p, distance in zip(own, off, strict=False):
+        own_values[:, effect.declared.index(p)] = distance if p.period else (p.null or 0.0) + 0.2 * distance
+    h = Hypothesis((first, effect), (values(first), own_values))
+    sd = np.full(len(h.vector()), 9.0)
+    sd[1 : 1 + len(errors)] = errors
+    assert checking.may_be_nothing(FittedHypothesis(h, 9.0, np.zeros((1, 1)), np.diag(sd**2)), 1) is nothing
 
 
 @pytest.mark.parametrize("gain, chosen", [(13.5, "log_scale"), (12.5, "current")])

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
+from scipy.stats import chi2
 
 from manoeuvre_nn.diagnosis.advise import apart
 from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS
@@ -14,6 +15,7 @@ from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
+from manoeuvre_nn.numerics.finite_algebra import lstsq
 
 MAX_FORM_SDS = 4.0
 """Prior standard deviations by which an uncertain part of a formula may be off: chance exceeds it in one of 16,000."""
@@ -25,6 +27,8 @@ MIN_CHANCE_OF_ZEROS = 1e-3
 """Chance that a value which each run has of its own is so near to 0 in all of them, from which it is not believed."""
 ANY_FORCE = "events at any times come near to any force, and held-out runs are not sailed with these"
 """Why a claim gives way that stands again where nothing else passes."""
+SIZE_CONFIDENCE = 0.954
+"""Confidence, two standard errors of one number, at which the sizes of an effect must not be those of none."""
 INDISTINGUISHABLE = 9.0
 """Expected gap, twice the log evidence, below which two effects are reported together."""
 
@@ -84,6 +88,26 @@ def _forms_off(chosen: FittedHypothesis) -> list[tuple[str, float]]:
     numbers = zip(chosen.hypothesis.unknowns(), chosen.hypothesis.vector().tolist(), strict=True)
     forms = [(f.parameter.name, abs(value - f.mean(value)) / f.spread) for f, value in numbers if f.parameter.form]
     return [(name, sds) for name, sds in forms if sds > MAX_FORM_SDS]
+
+
+def may_be_nothing(fitted: FittedHypothesis, effect: int) -> bool:
+    """Whether all sizes of an effect are within their errors of those at which it vanishes: ``x^T C^-1 x``.
+
+    Args:
+        fitted: A hypothesis, averaged over what else may be: at other noise than the likeliest the sizes may be others.
+        effect: Number of the effect.
+
+    Returns:
+        False for gusts, whose mean may be small beside them, and for what has no such size (a depth).
+    """
+    numbers = list(enumerate(zip(fitted.hypothesis.unknowns(), fitted.hypothesis.vector().tolist(), strict=True)))
+    own = [(k, f.parameter, value) for k, (f, value) in numbers if f.effect == effect]
+    sizes = [(k, value - p.null) for k, p, value in own if not (p.null is None or p.form or p.period)]
+    if not sizes or fitted.hypothesis.effects[effect].random:
+        return False
+    at, off = [k for k, _ in sizes], np.array([distance for _, distance in sizes])
+    square = float(off @ lstsq(fitted.covariance[np.ix_(at, at)], off))
+    return square < float(chi2.ppf(SIZE_CONFIDENCE, len(at)))
 
 
 def _little_left(tried: SearchResult, chosen: FittedHypothesis) -> Check:

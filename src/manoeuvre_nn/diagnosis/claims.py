@@ -192,8 +192,10 @@ def _put_to_proof(
     (proofs, before, calm), data_set = calm_water, tried.likelihood.data_set
     known, j = _about_own_states(data_set, claim)
     j = _averaged(known, j)
-    silent = [k for k, acts in enumerate(acting(j.hypothesis, question.case.fitted)) if not acts]
-    if silent and len(j.names) > 1:  # an event that ends before it begins: what is left was found
+    gone = [k for k, acts in enumerate(acting(j.hypothesis, question.case.fitted)) if not acts]
+    # An event that ends before it begins, or what may be nothing: what is left was found.
+    silent = [*gone, *(k for k in range(len(j.names)) if checking.may_be_nothing(j, k))] if len(j.names) > 1 else []
+    if silent:
         left = refine(MarginalLikelihood(known), j.hypothesis.without(silent[0]), *j.best)
         j = _averaged(known, replace(left, random=j.random))
     there = in_held_out_runs(question, j, known)
