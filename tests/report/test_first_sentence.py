@@ -204,7 +204,7 @@ def test_a_channel_without_measurement_noise_has_a_dash_and_nothing_says_that_no
 @pytest.mark.parametrize("after, said", [
     (4.0, "; with them the predicted track of runs that were not used is 4 m off instead of 16 m"),
     (16.001, "; with them the predicted track of runs that were not used is 16 m off instead of 16 m"),
-    (24.0, "; the predicted track of runs that were not used is no closer with them (24 m off instead of 16 m): see"),
+    (24.0, "; the predicted track of runs that were not used is no closer with them: 24 m off instead of 16 m; see"),
 ])  # fmt: skip
 def test_a_named_effect_with_which_free_runs_are_no_closer_is_not_praised_for_them(after, said):
     proofs = [replace(p, rmse_before={"pos": 16.0}, rmse_after={"pos": after}) for p in windy().proofs]

@@ -140,7 +140,7 @@ def _gain(proofs: Sequence[Proof], what: str, seen: bool = False) -> str:
     told = f" ({alone[0]} {unit} with published coefficients)" if alone and alone[0] != after else ""
     unused = f"the predicted {curve} of runs that were not used is"
     if not closer and after != before:
-        return f"; {unused} no closer with {what} ({after} {unit} off{told} instead of {before} {unit}): see the checks"
+        return f"; {unused} no closer with {what}: {after} {unit} off{told} instead of {before} {unit}; see the checks"
     return f"; with {what} {unused} {after} {unit} off{told} instead of {before} {unit}"
 
 
