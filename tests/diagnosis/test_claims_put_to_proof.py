@@ -25,21 +25,25 @@ pytestmark = pytest.mark.usefixtures("unchecked_types")
 
 ONE, TWO, RULE = ("current",), ("current", "log_scale"), ("formula",)
 PROVED = [  # effects, model was fitted, gain in fitted runs, in held-out ones, growth of the error; whether it is named
-    (ONE, False, 5.5, 2.3, 1.0, False), (ONE, False, 5.5, 2.7, 1.0, True), (ONE, False, 30.0, -4.8, 1.0, True),
+    (ONE, False, 5.5, 0.3, 1.0, False), (ONE, False, 5.5, 0.7, 1.0, True), (ONE, False, 30.0, -4.8, 1.0, True),
     (ONE, False, 30.0, -5.2, 1.0, False), (ONE, False, 30.0, 9.0, 1.04, True), (ONE, False, 30.0, 7.5, 1.06, False),
     (ONE, False, 30.0, 8.5, 1.06, True),  # enough by itself, whatever free runs do
     (ONE, True, 30.0, 2.8, 1.0, False),  # the errors of a fitted model may look like an effect
     (ONE, True, 30.0, 3.2, 1.0, True), (ONE, True, 30.0, 7.5, 1.01, False), (ONE, True, 30.0, 8.5, 1.01, True),
     (ONE, True, 30.0, 8.5, 1.06, False), (TWO, True, 30.0, 13.5, 1.01, False), (RULE, False, 30.0, 2.8, 1.0, False),
-    (RULE, False, 30.0, 3.2, 1.0, True), (TWO, False, 9.5, 4.2, 1.0, False), (TWO, False, 9.5, 4.8, 1.0, True),
+    (RULE, False, 30.0, 3.2, 1.0, True), (TWO, False, 9.5, 2.2, 1.0, False), (TWO, False, 9.5, 2.8, 1.0, True),
+    (ONE, True, 4.5, 3.2, 1.0, False), (ONE, True, 4.5, 3.8, 1.0, True),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("names, trained, fitted, held_out, growth, named", PROVED)
-def test_a_named_effect_must_gain_eight_in_fitted_and_held_out_runs_together(
+def test_a_named_effect_must_gain_six_in_fitted_and_held_out_runs_together(
     monkeypatch, names, trained, fitted, held_out, growth, named
 ):
-    """And six more for a second one; whatever is gained in fitted runs, held-out ones refute what loses five there."""
+    """And six more for a second one, eight beside a fitted model, and in held-out runs alone where free runs get worse.
+
+    Whatever is gained in fitted runs, held-out ones refute what loses five there.
+    """
     claim = fit(100.0 + fitted, *names)
     errors = {names: (2.0 * growth, 2.0 * growth)}
     chosen, _, checks = proved(monkeypatch, [claim], {names: held_out}, errors, trained)
@@ -47,7 +51,7 @@ def test_a_named_effect_must_gain_eight_in_fitted_and_held_out_runs_together(
 
 
 @pytest.mark.parametrize("names, trained, held_out, apart, named", [
-    (ONE, False, -8.0, 2.8, False), (ONE, False, -8.0, 3.2, True), (ONE, False, -23.0, 9.0, False),
+    (ONE, False, -8.0, 2.8, False), (ONE, False, -8.0, 3.2, True), (ONE, False, -25.0, 9.0, False),
     (ONE, True, 2.8, 9.0, False), (RULE, False, 2.8, 9.0, False),
 ])  # fmt: skip
 def test_coefficients_that_take_the_place_of_an_effect_do_not_refute_it_in_other_runs(

@@ -30,10 +30,11 @@ from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.noise_average import averaged
 from manoeuvre_nn.scoring.free_runs import cost, counted_as_one
 
-MIN_GAIN_OF_NAMED = 8.0
-"""Least log Bayes factor over calm water of a named effect, in fitted and held-out runs together: with some 25
-candidates fewer than 1 % of clean cases reach it, if the errors of the model are as they are taken (Markov's
-inequality)."""
+MIN_GAIN_OF_NAMED, SURE_BY_ITSELF = 6.0, 8.0
+"""Least log Bayes factor over calm water of a named effect, in fitted and held-out runs together: that of one number is
+``chi^2 / 2`` less Occam's factor, and with one of e^.5 or more fewer than 1 % of clean cases reach it by any of some 25
+candidates. And the one that fewer reach whatever is compared (Markov's inequality): what held-out runs alone must have
+where free runs get worse, and all runs where errors of a fitted model may look like an effect."""
 PROVED = 3.0
 """Log evidence that a formula must add on held-out runs, and any effect where the model was fitted."""
 REFUTED = -5.0
@@ -203,20 +204,20 @@ def _put_to_proof(
     # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.
     trained = is_fitted(data_set.dynamics)
     least = PROVED if trained or Formula.name in j.names else REFUTED
-    after, gain, least_of_named = error_after(question, made), there.evidence - calm, least_gain(claim)
-    most = before * (1.0 if trained and gain <= least_of_named else MAX_ERROR_GROWTH)
+    after, gain, sure = error_after(question, made), there.evidence - calm, least_gain(claim, SURE_BY_ITSELF)
+    most = before * (1.0 if trained and gain <= sure else MAX_ERROR_GROWTH)
     alone = [p.rmse_alone for p in made if p.rmse_alone]
     if after > most and alone and _cost(question, alone) < after:
         # Coefficients as corrected by the fitted runs do not hold in others: the effects may.
         made = prove(question, replace(j, corrections=0 * j.corrections), there.hypothesis, proofs)
         after = error_after(question, made)
-    enough = claim.evidence - tried.none.evidence + gain > least_of_named
+    enough = claim.evidence - tried.none.evidence + gain > (sure if trained else least_gain(claim))
     better = (gain > least or _likelier_by_themselves(question, tried.none, j, least)) and after <= most
     tested = bool(made) and any(acting(there.hypothesis, question.case.held_out))
     foretold = enough and (better if tested else not (trained and made))
     # Small errors of its state take free runs of a ship that is unstable on course far from any recording, whatever
     # the model: the likelihood of the recording does not suffer from that.
-    likelier = tested and gain > least_of_named and least == REFUTED
+    likelier = tested and gain > sure and least == REFUTED
     lasting = (foretold or likelier) and _last_effect_helps(question, tried, claim, there.evidence, claims)
     fewer = "; less than that does as well" if foretold and not lasting else ""
     text = (
@@ -255,9 +256,9 @@ def _averaged(known: WhitenedDataSet, j: FittedHypothesis) -> FittedHypothesis:
     return averaged_over_gusts(known, j) if j.random else over_directions(known, averaged(known, j))
 
 
-def least_gain(claim: FittedHypothesis) -> float:
+def least_gain(claim: FittedHypothesis, of_first: float = MIN_GAIN_OF_NAMED) -> float:
     """Least log Bayes factor over calm water that a claim must have in fitted and held-out runs together."""
-    return MIN_GAIN_OF_NAMED + MIN_GAIN_OF_SECOND * (len(claim.names) - 1)
+    return of_first + MIN_GAIN_OF_SECOND * (len(claim.names) - 1)
 
 
 def _last_effect_helps(
