@@ -44,6 +44,7 @@ PACKAGE = Path("src/manoeuvre_nn")
 EQUIVALENT = Path(__file__).with_name("mutation_equivalent.yaml")
 NEIGHBOURS = {
     "core": ["manoeuvre", "effect", "network"],
+    "diagnosis": ["report/test_first_sentence.py"],
     "estimation": ["diagnosis"],
     "recording": ["diagnosis/test_findings_weighed.py", "diagnosis/test_holes_bridged.py"],
     "numerics": ["estimation", "training"],
