@@ -100,12 +100,13 @@ def may_be_nothing(fitted: FittedHypothesis, effect: int) -> bool:
     Returns:
         False for gusts, whose mean may be small beside them, and for what has no such size (a depth).
     """
-    numbers = list(enumerate(zip(fitted.hypothesis.unknowns(), fitted.hypothesis.vector().tolist(), strict=True)))
-    own = [(k, f.parameter, value) for k, (f, value) in numbers if f.effect == effect]
-    sizes = [(k, value - p.null) for k, p, value in own if not (p.null is None or p.form or p.period)]
-    if not sizes or fitted.hypothesis.effects[effect].random:
+    h = fitted.hypothesis
+    own = [(k, f.parameter) for k, f in enumerate(h.unknowns()) if f.effect == effect]
+    sizes = {k: p.null for k, p in own if not (p.null is None or p.form or p.period)}
+    if not sizes or h.effects[effect].random:
         return False
-    at, off = [k for k, _ in sizes], np.array([distance for _, distance in sizes])
+    at = list(sizes)
+    off = h.vector()[at] - list(sizes.values())
     square = float(off @ lstsq(fitted.covariance[np.ix_(at, at)], off))
     return square < float(chi2.ppf(SIZE_CONFIDENCE, len(at)))
 
