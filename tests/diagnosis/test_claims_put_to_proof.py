@@ -16,7 +16,7 @@ from manoeuvre_nn.diagnosis.result import RIGHT_SHIP, Check
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.depth import ShallowWater
 from manoeuvre_nn.effect.rudder import RudderOffset
-from manoeuvre_nn.effect.sensors import LeverArm, RateBias
+from manoeuvre_nn.effect.sensors import LeverArm, LogScale, RateBias
 from manoeuvre_nn.effect.wind import GustyWind
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 
@@ -145,6 +145,7 @@ def test_of_several_effects_one_that_may_be_nothing_is_left_out(monkeypatch, nam
 
 SIZED = [  # effect, offsets of its numbers in standard errors -> whether it may be nothing
     (RudderOffset(SHIP), (1.9,), True), (RudderOffset(SHIP), (-2.1,), False),
+    (LogScale(SHIP), (1.9,), True), (LogScale(SHIP), (-2.1,), False),  # about 1
     (LeverArm(SHIP), (2.1, 1.2), True), (LeverArm(SHIP), (2.1, 1.5), False),  # chi-square of two numbers: 6.2
     (Current(SHIP), (1.9, 90.0), True), (Current(SHIP), (2.1, 90.0), False),  # a direction is no size
     (ShallowWater(SHIP), (0.1,), False), (GustyWind(SHIP), (0.1, 90.0), False),
