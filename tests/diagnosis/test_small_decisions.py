@@ -234,7 +234,7 @@ def test_a_current_that_changes_is_told_where_it_is_twenty_times_as_likely_as_a_
     assert [j.names for j in searching._varied(tried, [TidalCurrent(SHIP)], lambda _: None, 1)] == told
 
 
-@pytest.mark.parametrize("moved, kept", [(-0.9, 0.1), (-1.1, 30.0)])
+@pytest.mark.parametrize("moved, kept", [(-0.95, 0.1), (-1.05, 30.0)])
 def test_a_value_of_which_nothing_is_recorded_stays_where_it_was_fitted(monkeypatch, moved, kept):
     """A play of 30 deg holds the blade, like any larger one: its mean over all levels is that of the prior."""
     effect = RudderBacklash(SHIP)
