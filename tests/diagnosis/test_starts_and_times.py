@@ -94,7 +94,7 @@ def test_a_fit_of_an_event_begins_at_its_three_best_directions_and_levers_each_a
 
 
 def offered(monkeypatch, times, gain: float) -> tuple[list[Hypothesis], bool]:
-    """What is fitted where a force from 50 to 150 s is offered other times, and whether it takes them for their gain."""
+    """What is fitted where a force from 50 to 150 s is offered other times; whether it takes them for their gain."""
     force = SideForce(SHIP, force_kN=300.0, start_s=50.0, end_s=150.0)
     there, fitted = Hypothesis((force,), (force.values.numpy()[None],)), []
     monkeypatch.setattr(windows, "block_columns", lambda *_: None)
