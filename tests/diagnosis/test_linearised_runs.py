@@ -48,12 +48,17 @@ def some_columns(line: LinearisedRun, count: int = 3) -> Columns:
     return Columns(g.standard_normal((COUNT, 8, count)) * NOISE[:, None], moved)
 
 
+def forgetting(line: LinearisedRun, k: int, decay: float) -> np.ndarray:
+    """What a step makes of the states, the process noise held within it and forgotten at its end."""
+    return np.diag([1.0] * 6 + [decay] * 3) @ line.transition[k]
+
+
 class Dense:
     """The same linear model with every matrix written out: states of all samples stacked, measured samples kept."""
 
-    def __init__(self, line: LinearisedRun):
+    def __init__(self, line: LinearisedRun, time: float = FORCE_TIME):
         self.keep, h = np.isfinite(measured(line.run)).ravel(), line.run.step
-        decay = np.exp(-h / FORCE_TIME)
+        decay = np.exp(-h / time)
         tiny = np.array([1e-4, 1e-4, 1e-6, 2e-3, 2e-3, 2e-6]) * np.sqrt(h)
         blocks = []
         for push in line.rudder_push * line.run.meta["rudder_noise"]:
@@ -65,7 +70,7 @@ class Dense:
         self.reach = np.eye(n)
         for k in range(1, COUNT):
             here, before = slice(k * STATES, (k + 1) * STATES), slice((k - 1) * STATES, k * STATES)
-            self.reach[here] += line.transition[k - 1] @ self.reach[before]
+            self.reach[here] += forgetting(line, k - 1, decay) @ self.reach[before]
         drive = np.zeros((n, n))
         drive[:STATES, :STATES] = np.diag(np.concatenate([SPREAD**2, FORCE**2]))
         for k, q in enumerate(blocks, start=1):
@@ -96,10 +101,10 @@ def close(found, expected, rel=1e-6):
     assert found == approx(expected, rel=rel, abs=rel * np.abs(expected).max())
 
 
-@pytest.mark.parametrize("gaps", [False, True])
-def test_inner_products_are_those_in_the_metric_of_the_samples_covariance(gaps):
+@pytest.mark.parametrize("gaps, time", [(False, FORCE_TIME), (True, FORCE_TIME), (True, 2.0), (True, 300.0)])
+def test_inner_products_are_those_in_the_metric_of_the_samples_covariance(gaps, time):
     line = short(gaps)
-    white, dense = integrated(line, NOISE, FORCE, FORCE_TIME, SPREAD), Dense(line)
+    white, dense = integrated(line, NOISE, FORCE, time, SPREAD), Dense(line, time)
     both = joined([line.data, some_columns(line)])
     c = dense.seen(both)
     embedded = white.embed(both)
@@ -174,7 +179,7 @@ def filtered(line: LinearisedRun) -> float:
     total = 0.0
     for k in range(COUNT):
         if k:
-            a = line.transition[k - 1]
+            a = forgetting(line, k - 1, decay)
             push = np.concatenate([line.rudder_push[k - 1] * line.run.meta["rudder_noise"], np.zeros(3)])
             mean = a @ mean + np.concatenate([line.defect[k - 1], np.zeros(3)])
             p = a @ p @ a.T + np.outer(push, push)
@@ -251,7 +256,6 @@ def test_the_transition_is_the_derivative_of_a_fine_solution_by_autograd(k):
         jacobian = torch.autograd.functional.jacobian(lambda s: fine_step(s, *step), state).numpy()
         end = fine_step(state, *step).numpy()
         turned = fine_step(state, step[0] + 1e-4, step[1] + 1e-4, shaft, h).numpy()
-    jacobian[6:] *= np.exp(-h / 20.0)  # held within the step, forgotten at its end
     size = np.array([0.05, 0.05, 5e-4, 1.0, 1.0, 2e-3, 1e-3, 1e-3, 1e-5])
     difference = (line.transition[k] - jacobian) * size / size[:, None]
     assert np.abs(difference).max() < 1e-3 and line.transition[k, 5, 2] == approx(1.0, rel=0.1)

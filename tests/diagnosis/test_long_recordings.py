@@ -9,7 +9,6 @@ from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linearised_run import linearise
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
-from manoeuvre_nn.estimation.prepared_run import process_time
 
 
 @pytest.fixture(scope="module")
@@ -40,6 +39,6 @@ def test_a_data_set_that_was_released_says_the_same_when_it_is_asked_again(level
 def test_a_long_run_is_linearised_piece_by_piece_as_a_short_one_is_at_once(levels, monkeypatch):
     whole = levels.runs[0].linearised
     monkeypatch.setattr(linearised_run, "MAX_STEPS", 50)
-    pieces = linearise(whole.run, whole.rate, whole.track, process_time(levels.dynamics))
+    pieces = linearise(whole.run, whole.rate, whole.track)
     for name in ("transition", "defect", "rudder_push"):
         np.testing.assert_allclose(getattr(pieces, name), getattr(whole, name), rtol=1e-9, atol=1e-9)

@@ -5,10 +5,12 @@ import math
 from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import torch
 from pytest import approx
 from strangers import SHIP, Stranger, asked, calm_only, of, periodic, ramp, strange_runs
+from tiers import mainly
 
 from manoeuvre_nn.diagnosis.answers import answer
 from manoeuvre_nn.diagnosis.causes import with_nature
@@ -88,13 +90,13 @@ def test_a_side_force_that_follows_the_rudder_late_has_its_memory():
     assert closed(d) > 0.8 and "follows the motion late" in d.sentence
 
 
-@pytest.mark.slow
-def test_a_random_yaw_moment_has_its_size_and_its_correlation_time():
-    tried = calm_only(asked(strange_runs(7, random=[(0.2, "N", 25.0)], step=1.0)))
+@pytest.mark.parametrize("time", mainly(2, [6.0, 80.0, 25.0]))  # L/U0, at which its fit begins, is 20 s
+def test_a_random_yaw_moment_has_its_size_and_its_correlation_time(time):
+    tried = calm_only(asked(strange_runs(7, random=[(0.2, "N", time)], step=1.0)))
     found = random_force(tried.likelihood, tried.none)
     assert found.axes == (2,) and found.evidence > tried.none.evidence + 7
-    assert found.size == approx(0.2, rel=0.25) and found.time == approx(25.0, rel=0.25)
-    assert 0.05 < found.errors[0] < 0.3 and 0.1 < found.errors[1] < 0.5
+    off = np.log([found.size / 0.2, found.time / time]) / found.errors
+    assert np.abs(off).max() < 2.5 and found.errors[0] < 0.25 and found.errors[1] < 0.5
 
 
 def test_what_cannot_be_predicted_is_said_to_be_so():

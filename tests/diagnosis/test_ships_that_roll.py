@@ -30,7 +30,7 @@ from manoeuvre_nn.estimation.corrections import OF_ROLL, Calibrated, Corrections
 from manoeuvre_nn.estimation.effect_columns import contribution
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, linearise
-from manoeuvre_nn.estimation.prepared_run import prepared_run, process_time
+from manoeuvre_nn.estimation.prepared_run import prepared_run
 from manoeuvre_nn.manoeuvre.turning import tactical_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.noise import add_noise
@@ -79,9 +79,8 @@ def states_of(record: Recording) -> np.ndarray:
 def about_itself(record: Recording) -> LinearisedRun:
     (run,) = prepared_runs([record])
     with unchecked():
-        return linearise(
-            run, Rate(CALM), record.resampled(run.time).stacked("u", "v", "r", "x", "y", "psi", *HEEL), 20.0
-        )
+        track = record.resampled(run.time).stacked("u", "v", "r", "x", "y", "psi", *HEEL)
+        return linearise(run, Rate(CALM), track)
 
 
 def test_a_noise_free_run_about_its_own_track_leaves_nothing():
@@ -149,7 +148,7 @@ def test_sides_that_differ_drive_the_run():
     assert line.run["shaft_split"] == approx(0.2, rel=1e-6) and line.run["delta_split"] == approx(3 * DEGREE, rel=1e-3)
     blind = replace(line.run, channels={k: c for k, c in line.run.channels.items() if not k.endswith("_split")})
     with unchecked():
-        alike = linearise(blind, Rate(CALM), line.track, process_time(CALM))
+        alike = linearise(blind, Rate(CALM), line.track)
         (free,) = predict(CALM, Hypothesis((), ()), [line.run], 20.0)
     assert np.abs(line.defect[:, 2]).mean() < 0.05 * np.abs(alike.defect[:, 2]).mean()
     assert np.abs(free["psi"].to_numpy() * DEGREE - line.track[-len(free) :, 5]).max() < 1.0 * DEGREE

@@ -29,13 +29,13 @@ def test_where_instruments_say_nothing_a_run_begins_with_half_the_resistance_of_
     data_set = whitened_data_set(CALM, runs([CIRCLE]))
     data_set.runs = [replace(p, noise=1e5 * p.noise) for p in data_set.runs]
     (found,) = locate.residuals(data_set, NONE)
-    assert found.error[0, 0] == approx(0.5 * locate.unit_forces(data_set)[0], rel=0.02)
+    assert found.error[:, 0] == approx(0.5 * locate.unit_forces(data_set)[0], rel=0.05)
 
 
-def test_a_moment_that_was_found_is_missing_as_much_as_before_it_was():
-    """It turns the ship, and only what a stream or a sensor does is taken out: to 2 % of the largest."""
+def test_a_force_that_was_found_is_missing_as_much_as_before_it_was():
+    """It turns and moves the ship, and only what a stream or a sensor does is taken out."""
     push = SideForce(SHIP, force_kN=150.0, lever_m=30.0, start_s=83.0, end_s=157.0)
     data_set = whitened_data_set(CALM, runs([CIRCLE], [push]))
     (found,) = locate.residuals(data_set, Hypothesis((push,), (values(push),)))
     (blind,) = locate.residuals(data_set, NONE)
-    assert found.force[:, 2] == approx(blind.force[:, 2], abs=0.025 * np.abs(blind.force[:, 2]).max())
+    assert found.force == approx(blind.force, abs=1e-6 * np.abs(blind.force).max())

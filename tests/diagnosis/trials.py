@@ -83,10 +83,10 @@ def states_of(record: Recording) -> np.ndarray:
     return record.stacked("u", "v", "r", "x", "y", "psi")
 
 
-def about(run: Recording, track: np.ndarray, process_time: float = 20.0) -> LinearisedRun:
+def about(run: Recording, track: np.ndarray) -> LinearisedRun:
     """A run's equations about a track."""
     with unchecked():
-        return linearise(run, Rate(CALM), track, process_time)
+        return linearise(run, Rate(CALM), track)
 
 
 def values(effect: Effect, count: int = 1) -> np.ndarray:

@@ -14,7 +14,7 @@ from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun
-from manoeuvre_nn.estimation.linearised_run import integrated
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun, integrated
 from manoeuvre_nn.estimation.prepared_run import PreparedRun, process_time, start_spread
 from manoeuvre_nn.numerics.finite_algebra import lstsq
 from manoeuvre_nn.recording.outliers import robust_sd
@@ -57,14 +57,24 @@ def residuals(data_set: WhitenedDataSet, hypothesis: Hypothesis, size: float = M
     for prepared, c in zip(data_set.runs, columns, strict=True):
         run, white = prepared.linearised.run, _loose(data_set, prepared, size)
         # What the sensors and the stream do is no force: it is taken out of both.
-        stream = np.zeros_like(c[:1].moved)
-        stream[:, POSITION] = c[:1].moved[:, POSITION]
+        stream = _moved_by_stream(prepared.linearised, c[:1].moved)
         before, after = prepared.data - Columns(c[:1].measured, stream), prepared.data - c[:1]
         process = prepared.linearised.states.forces
         force, left = (scale(white.states(white.embed(x))[:, process, 0]) for x in (before, after))
         error, windows = np.abs(scale(_spread(white, process))), _windows(data_set, prepared, before)
         made.append(Residual(run.name, run.time, force, error, left, windows, units(data_set)))
     return made
+
+
+def _moved_by_stream(
+    linearised: LinearisedRun, moved: Float[np.ndarray, "steps k p"]
+) -> Float[np.ndarray, "steps k p"]:
+    """What of the moves ``C p`` within a step a stream makes, and no force by the velocity that it adds."""
+    carried = linearised.carried.numpy()
+    pushes = np.linalg.pinv(carried) @ moved  # in breaks C has no inverse
+    by_stream = np.zeros_like(pushes)
+    by_stream[:, POSITION] = pushes[:, POSITION]
+    return carried @ by_stream
 
 
 def _windows(data_set: WhitenedDataSet, prepared: PreparedRun, data: Columns) -> list[Interval]:

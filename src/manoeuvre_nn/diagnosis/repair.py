@@ -241,7 +241,7 @@ def start_state_and_covariance(
     run = without_samples(run, np.apply_along_axis(spikes, 0, measured(run, channels), min_spread_share=0.0), channels)
     track = first_guess(run, rate.states.own)
     for _ in range(3):
-        linearised = linearise(run, rate, track, time)
+        linearised = linearise(run, rate, track)
         effects, here = hypothesis.effects, [v[0] for v in hypothesis.values]
         beside = [hulls_beside(effects, here, k) for k in range(len(effects))]
         each = zip(effects, hypothesis.values, beside, strict=True)
@@ -253,7 +253,7 @@ def start_state_and_covariance(
         left = all_of_them.combined(np.array([1.0, -latency, *[-1.0] * len(added)]))
         solved = integrated(linearised, rate.states.first_noise, noise, time, spread)
         track = track + solved.states(solved.embed(left))[:, : rate.states.count, 0]
-    linearised = linearise(run, rate, track, time)
+    linearised = linearise(run, rate, track)
     covariance = solved.covariances[0][-1][: rate.states.count, : rate.states.count]
     return np.concatenate([track[-1], *(_memory_at_end(hypothesis, linearised))]), covariance
 

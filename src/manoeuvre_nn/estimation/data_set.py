@@ -74,7 +74,7 @@ class WhitenedDataSet:
         seen: What the runs see of coefficients' errors: those of the combinations are ``seen @`` these.
         coefficient_prior: How errors of the coefficients go together before the runs are seen.
         levels: Standard deviations of the process noise.
-        process_time: Its correlation time [s]; the runs are linearised for it.
+        process_time: Its correlation time [s].
     """
 
     def __init__(

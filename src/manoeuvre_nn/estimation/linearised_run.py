@@ -80,7 +80,8 @@ class LinearisedRun:
         run: The run.
         track: States of the track.
         rate: Rates of the calm-water model.
-        transition: Derivative of the next state by the present one.
+        transition: Derivative of the next state by the present one, the process noise being as it was:
+            :func:`run_equations` says how fast it is forgotten.
         defect: What a step of the model from the track misses it by.
         observed: Derivative of the channels by the state.
         residual: Measured minus what the track shows; 0 where nothing was measured.
@@ -207,7 +208,6 @@ def linearise(
     run: Recording,
     rate: Rate,
     track: Float[np.ndarray, "n k"],
-    process_time: float,
     indicated: Float[np.ndarray, " n"] | None = None,
 ) -> LinearisedRun:
     """Linearise a run's equations about a track.
@@ -216,7 +216,6 @@ def linearise(
         run: The run.
         rate: Rates of the calm-water model.
         track: u, v, r, x, y, psi and own states; its process noise is 0, so that all of them shows in the data.
-        process_time: Correlation time of the process noise [s].
         indicated: What the rudder indicator showed [rad]; None is what was recorded.
 
     Returns:
@@ -238,7 +237,6 @@ def linearise(
         ]
     forward, still, pushed = torch.cat([moved for moved, _ in pieces], dim=1)
     transition = torch.cat([derivative for _, derivative in pieces]).numpy()
-    transition[:, states.count :, states.count :] *= np.exp(-run.step / process_time)
     push = pushed - still
     defect = forward.numpy() - track[1:]
     # Where nobody knows the rudder a ship may come out of a step in any state.
@@ -358,8 +356,9 @@ def run_equations(
     root = np.zeros((steps, states.size, states.size))
     root[:, :k, :k] = (np.eye(k) - q[:, :, None] * q[:, None, :] / (w * (w + 1))) / rounding
     root[in_breaks(run.time, run.meta.get("breaks", ())), :k, :k] = np.diag(1 / (AFTER_BREAK * start_sd))
-    # The innovations of the process noise.
-    noises = ProcessNoise(process_time, axes=len(states.driven))
+    # What is left of the process noise after a step, and its innovations.
+    noises, left = ProcessNoise(process_time, axes=len(states.driven)), -linearised.transition
+    left[:, k:, k:] *= np.exp(-run.step / process_time)
     root[:, k:, k:] = noises.steps(np.full(1, run.step))[1]
     # ds_{k+1} - A_k ds_k = ...
     right = np.broadcast_to(np.eye(states.size), root.shape)
@@ -367,6 +366,4 @@ def run_equations(
     precision = linearised.present / noise**2
     count, ones = len(states.driven), np.ones(len(states.driven))
     start, unit = np.concatenate([start_sd**-2.0, ones]), np.concatenate([states.unit, ones])
-    return RunEquations(
-        -linearised.transition, right, root, log_det, linearised.observed, precision, start, unit, noises=count
-    )
+    return RunEquations(left, right, root, log_det, linearised.observed, precision, start, unit, noises=count)

@@ -81,13 +81,7 @@ def finer(data_set: WhitenedDataSet, time: float) -> WhitenedDataSet:
     Returns:
         The runs; every other level is a usual one.
     """
-    runs = []
-    for prepared in data_set.runs:
-        x = prepared.linearised
-        transition, count = x.transition.copy(), x.states.count
-        transition[:, count:, count:] = np.exp(-x.run.step / time) * np.eye(len(x.states.driven))
-        x = replace(x, transition=transition)
-        runs.append(replace(prepared, linearised=x, base=base_columns(data_set.dynamics, x)))
+    runs = [replace(p, base=base_columns(data_set.dynamics, p.linearised)) for p in data_set.runs]
     levels = ProcessLevels(tuple(sorted((*PROCESS_LEVELS.sizes, *BETWEEN))))
     return WhitenedDataSet(data_set.dynamics, runs, data_set.coefficient_prior, levels, time)
 

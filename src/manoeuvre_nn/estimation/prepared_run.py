@@ -148,7 +148,7 @@ def about_states(
         The run about it.
     """
     about = dynamics if corrections is None else Calibrated(dynamics, dynamics.hull.inertia.new_tensor(corrections))
-    linearised = linearise(prepared.linearised.run, Rate(about), track, process_time(dynamics), indicated)
+    linearised = linearise(prepared.linearised.run, Rate(about), track, indicated)
     linearised = linearised if receiver is None else replace(linearised, receiver=receiver)
     linearised = with_feedback(linearised, *acting)
     return replace(prepared, linearised=linearised, base=base_columns(dynamics, linearised))

@@ -99,7 +99,7 @@ def smooth(
         share = step_share(track, states)
         whole += share == 1.0
         track = track + share * states[:, : kept.count]
-        linearised = linearise(run, rate, track, ship.time_unit)
+        linearised = linearise(run, rate, track)
         solved = integrated(linearised, sigma * np.sqrt(inflation), process_sd, ship.time_unit, start_sd)
         columns = joined([linearised.data, _kinematic_errors(linearised)])
         embedded = solved.embed(columns)
@@ -123,7 +123,7 @@ def smooth(
     misfit = float(g[0] @ left) / max(np.isfinite(measured(linearised.run, channels)).sum(), 1)
     sigma = sigma * np.sqrt(np.clip(misfit, 1.0, 1.5))
     run = run.with_channels(**{MEASURED[SHAFT]: shaft})
-    return linearise(run, rate, track, ship.time_unit), sigma, inflation, states[:, kept.count :]
+    return linearise(run, rate, track), sigma, inflation, states[:, kept.count :]
 
 
 def rounding_step(values: Float[np.ndarray, "n c"]) -> Float[np.ndarray, " c"]:
