@@ -1,5 +1,7 @@
 """Priors: heavy tails of what goes wrong at sea, errors of coefficients that go together, errors over noise levels."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -22,6 +24,7 @@ from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.posterior import mixture, posterior
 from manoeuvre_nn.estimation.prior_average import with_likely_coefficient_prior
+from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 NONE = Hypothesis((), ())
@@ -117,6 +120,20 @@ def test_a_coupling_that_is_there_is_found():
             data_set, MarginalLikelihood(data_set).evaluate(NONE)
         ).coefficient_prior.coupling
     assert chosen[1.0] >= 0.6 and chosen[-1.0] == 0.0
+
+
+def test_the_likeliest_prior_of_coefficients_is_the_same_from_whichever_noise_it_is_looked_for():
+    """A term is missing that process noise may stand for: about much of it missing terms are likelier to be small."""
+    shares = torch.tensor([0.6 if n == "N+uuv" else 0.0 for n in Corrections(CALM).names], dtype=torch.float64)
+    with unchecked():
+        tracks = roll_out(Vessel(Calibrated(CALM, shares)), [CIRCLE, ZIGZAG], step=1.0)
+    data_set = whitened_data_set(CALM, [run_of(track, NOISE) for track in tracks])
+    found = MarginalLikelihood(data_set).evaluate(NONE)
+    from_each = {
+        with_likely_coefficient_prior(data_set, replace(found, best=(level, found.best[1]))).coefficient_prior
+        for level in (found.best[0], PROCESS_LEVELS.point(1, 3), PROCESS_LEVELS.point(3, 3))
+    }
+    assert from_each == {CoefficientPrior(0.9, 3.0)}
 
 
 def test_each_campaign_has_its_own_wind_and_the_same_coefficients():

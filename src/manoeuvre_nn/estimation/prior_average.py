@@ -32,10 +32,17 @@ def with_likely_coefficient_prior(data_set: WhitenedDataSet, fitted: FittedHypot
         fitted: At its values and noise levels; latencies and its own numbers are free.
 
     Returns:
-        The runs with one of :data:`COEFFICIENT_PRIORS`.
+        The runs with one of :data:`COEFFICIENT_PRIORS`, process noise next to its own best level summed out.
     """
-    found = _ByPrior(data_set, fitted.hypothesis, fitted.best[:1])
-    return WhitenedDataSet(data_set.dynamics, found.whole, max(COEFFICIENT_PRIORS, key=found.evidence))
+    around = fitted.best[0]
+    while True:
+        levels = data_set.levels.beside(around)
+        found = _ByPrior(data_set, fitted.hypothesis, levels)
+        likeliest = max(COEFFICIENT_PRIORS, key=found.evidence)
+        # Where terms may be missing that the noise stood for, less noise is likelier, and with that other priors.
+        before, around = around, levels[found.likeliest_level(likeliest)]
+        if around == before:
+            return WhitenedDataSet(data_set.dynamics, found.whole, likeliest)
 
 
 def gain_by_coefficient_priors(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> float:
@@ -142,5 +149,12 @@ class _ByPrior:
 
     def evidence(self, kind: CoefficientPrior) -> float:
         """Log evidence but for a constant, process noise and the coefficients' standard deviation summed out."""
-        each = [found.evidence for found in self.posteriors(kind)]
-        return float(logsumexp(each + self.of_levels))
+        return float(logsumexp(self._by_level(kind)))
+
+    def likeliest_level(self, kind: CoefficientPrior) -> int:
+        """Which of the levels of the process noise is likeliest with one prior."""
+        return int(self._by_level(kind).max(axis=1).argmax())
+
+    def _by_level(self, kind: CoefficientPrior) -> Float[np.ndarray, "g s"]:
+        """Log evidence at every level."""
+        return np.array([found.evidence for found in self.posteriors(kind)]) + self.of_levels
