@@ -50,7 +50,6 @@ class SmoothedTrack:
     Attributes:
         run: The run.
         states: u, v, r, x, y, psi along it.
-        time_unit: L/U0 [s].
         channels: Smoothed channels in the order of ``MEASURED``.
         slopes: Their rates.
         rate: Calm-water accelerations.
@@ -61,7 +60,6 @@ class SmoothedTrack:
 
     run: Recording
     states: Float[np.ndarray, "n 6"]
-    time_unit: float
     channels: Float[np.ndarray, "n 8"]
     slopes: Float[np.ndarray, "n 8"]
     rate: Rate
@@ -72,7 +70,7 @@ class SmoothedTrack:
     @cached_property
     def line(self) -> LinearisedRun:
         """The run about the track, as contributions of effects ask for it."""
-        return linearise(self.run, self.rate, self.states, self.time_unit)
+        return linearise(self.run, self.rate, self.states)
 
     def averaged(self, rows: Float[np.ndarray, "n *k"]) -> Float[np.ndarray, "b *k"]:
         """Averages over time.
@@ -199,7 +197,7 @@ def track(dynamics: Model, run: Recording) -> SmoothedTrack:
     turn = p.speed / p.length
     unit = np.array([p.speed * turn, p.speed * turn, turn**2, p.speed, turn, 1.0])
     weight = np.hanning(2 * max(2, round(0.5 * AVERAGE * p.time_unit / run.step)) + 2)[1:-1]
-    return SmoothedTrack(run, states, p.time_unit, channels, slopes, rate, unit, weight / weight.sum())
+    return SmoothedTrack(run, states, channels, slopes, rate, unit, weight / weight.sum())
 
 
 def smoother_size(time_unit: float, step: float) -> int:
