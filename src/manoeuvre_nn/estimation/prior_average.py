@@ -38,10 +38,12 @@ def with_likely_coefficient_prior(data_set: WhitenedDataSet, fitted: FittedHypot
     while True:
         levels = data_set.levels.beside(around)
         found = _ByPrior(data_set, fitted.hypothesis, levels)
-        likeliest = max(COEFFICIENT_PRIORS, key=found.evidence)
-        # Where terms may be missing that the noise stood for, less noise is likelier, and with that other priors.
-        before, around = around, levels[found.likeliest_level(likeliest)]
+        each = {kind: found.by_level(kind) for kind in COEFFICIENT_PRIORS}
+        # Where terms may be missing that the noise stood for, less noise is likelier, and with that other priors: to
+        # the likeliest level of any prior, which rises with every step.
+        before, around = around, levels[int(np.max([e.max(axis=1) for e in each.values()], axis=0).argmax())]
         if around == before:
+            likeliest = max(each, key=lambda kind: float(logsumexp(each[kind])))
             return WhitenedDataSet(data_set.dynamics, found.whole, likeliest)
 
 
@@ -149,12 +151,8 @@ class _ByPrior:
 
     def evidence(self, kind: CoefficientPrior) -> float:
         """Log evidence but for a constant, process noise and the coefficients' standard deviation summed out."""
-        return float(logsumexp(self._by_level(kind)))
+        return float(logsumexp(self.by_level(kind)))
 
-    def likeliest_level(self, kind: CoefficientPrior) -> int:
-        """Which of the levels of the process noise is likeliest with one prior."""
-        return int(self._by_level(kind).max(axis=1).argmax())
-
-    def _by_level(self, kind: CoefficientPrior) -> Float[np.ndarray, "g s"]:
-        """Log evidence at every level."""
+    def by_level(self, kind: CoefficientPrior) -> Float[np.ndarray, "g s"]:
+        """Log evidence, but for the same constant, at every level of both."""
         return np.array([found.evidence for found in self.posteriors(kind)]) + self.of_levels
