@@ -21,8 +21,7 @@ from manoeuvre_nn.dynamics.base import calm_accelerations
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.depth import ShallowWater
-from manoeuvre_nn.effect.loading import DisplacementChange
-from manoeuvre_nn.effect.local import SideForce, Tow
+from manoeuvre_nn.effect.local import Tow
 from manoeuvre_nn.effect.propulsion import HullFouling, PowerLimit, PropellerSideForce
 from manoeuvre_nn.effect.roll import RollCoupling
 from manoeuvre_nn.effect.rudder import (
@@ -38,11 +37,8 @@ from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, whitened_data_set
 from manoeuvre_nn.estimation.effect_columns import (
-    behind_record,
-    blade_along,
     coefficient_columns,
     contribution,
-    hulls_beside,
     latency_column,
     own_states,
     perfect,
@@ -53,6 +49,7 @@ from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, integrat
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.prepared_run import FIRST_NOISE
 from manoeuvre_nn.estimation.relinearise import refined
+from manoeuvre_nn.estimation.rudder_blades import behind_record, blade_along
 from manoeuvre_nn.recording.preparation import measured
 
 RATE = Rate(CALM)
@@ -125,26 +122,6 @@ def test_what_acts_beside_a_late_record_of_the_rudder_does_so_when_the_rudder_is
     off, without = (np.abs(a + line.defect)[:, :3] / np.abs(line.defect)[:, :3].max(axis=0) for a in (added, late))
     assert np.quantile(off, 0.9, axis=0).max() < 0.01 and off.max() < 0.1
     assert np.quantile(without, 0.9, axis=0).min() > 0.03
-
-
-@pytest.mark.parametrize(
-    "pushed",
-    [SideForce(SHIP, force_kN=400.0, lever_m=30.0, start_s=0.0, end_s=80.0), RudderOffset(SHIP, offset_deg=4.0)],
-)
-def test_what_pushes_a_ship_moves_her_as_another_effect_has_changed_her_inertia(pushed):
-    heavy = DisplacementChange(SHIP, factor=1.6)
-    (record,) = sailed([TIMED], [heavy, pushed])
-    line = about(run_of(record), states_of(record))
-    with unchecked():
-        made = [
-            contribution(e, values(e), line, hulls=hulls_beside([heavy, pushed], [heavy.values.numpy()] * 2, k))
-            for k, e in enumerate((heavy, pushed))
-        ]
-    missing = -line.defect
-    for both, right in ((made, True), ([made[0], added(pushed, line)], False)):
-        moved = sum(c.moved[..., 0] for c in both)
-        off = np.abs(moved - missing) / (np.abs(missing).max(axis=0) + STATES)
-        assert (np.quantile(off[:, :3], 0.9, axis=0).max() < 0.01) == right
 
 
 @EACH_KIND

@@ -16,7 +16,7 @@ from manoeuvre_nn.diagnosis.repair import recorded
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.rudder import RudderDelay, RudderOffset
-from manoeuvre_nn.estimation.effect_columns import indicated
+from manoeuvre_nn.estimation.rudder_blades import indicated
 from manoeuvre_nn.recording.holes import heading_across, told
 from manoeuvre_nn.ship.mariner import mariner_corrected
 

@@ -33,7 +33,7 @@ from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation import noise_average, relinearise
 from manoeuvre_nn.estimation.corrections import Calibrated, CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet, whitened_data_set
-from manoeuvre_nn.estimation.effect_columns import contribution, hulls_beside, with_feedback
+from manoeuvre_nn.estimation.effect_columns import beside_it, contribution, with_feedback
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linearised_run import shown
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
@@ -311,8 +311,8 @@ def test_a_small_push_is_carried_on_as_it_is_with_the_effect_aboard(effect, calm
     line = with_feedback(calm, [effect], [effect.values.numpy()])
 
     def worst(line) -> float:
-        hulls = hulls_beside(both, [e.values.numpy() for e in both], 1)
-        moved, off = contribution(PUSHED, values(PUSHED), line, hulls=hulls).moved[..., 0], np.zeros((len(alone), 9))
+        beside = beside_it(both, [e.values.numpy() for e in both], 1, line)
+        moved, off = contribution(PUSHED, values(PUSHED), line, beside=beside).moved[..., 0], np.zeros((len(alone), 9))
         for k, push in enumerate(moved):
             off[k + 1] = line.transition[k] @ off[k] + np.append(push, np.zeros(3))
         return float((np.abs(off[:, :6] - happened).max(axis=0) / np.abs(happened).max(axis=0)).max())

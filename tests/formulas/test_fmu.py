@@ -105,7 +105,9 @@ def test_a_unit_is_valid_and_its_variables_have_units_signs_and_starts(unit):
 
 
 @compiled
-@pytest.mark.parametrize("effects", mainly(2, [("wind_steady", "current"), ("roll_coupling",), ()]))
+@pytest.mark.parametrize(
+    "effects", mainly(2, [("wind_steady", "current"), ("roll_coupling", "propeller_side_force"), ()])
+)
 def test_fmpy_sails_the_models_track(effects, tmp_path):
     path = tmp_path / "ship.fmu"
     made = program(*effects)

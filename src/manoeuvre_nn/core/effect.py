@@ -93,7 +93,8 @@ class Situation:
 
     Attributes:
         nu: u, v [m/s], r [rad/s] through the water.
-        nudot: udot, vdot [m/s^2], rdot [rad/s^2] without the effect; needed by few.
+        nudot: udot, vdot [m/s^2], rdot [rad/s^2] in calm water; for an effect with own states, what effects without
+            such states add is in it.
         x: Position north [m].
         y: Position east [m].
         psi: Heading, continuous [rad].

@@ -12,7 +12,7 @@ from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.fits import from_four_sides
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
-from manoeuvre_nn.estimation.effect_columns import contribution, hulls_beside
+from manoeuvre_nn.estimation.effect_columns import beside_it, contribution
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns, hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Columns
@@ -276,8 +276,8 @@ def _course(
     mean = max(sets[0, speed], nudge)
     sets[1, speed] += nudge
     sets[2, direction] += np.degrees(nudge / mean)
-    hulls = hulls_beside(hypothesis.effects, [v[run] for v in hypothesis.values], wind)
-    c = contribution(effect, sets, prepared.linearised, hulls=hulls)
+    beside = beside_it(hypothesis.effects, [v[run] for v in hypothesis.values], wind, prepared.linearised)
+    c = contribution(effect, sets, prepared.linearised, beside=beside)
     pushes = (c.moved[..., 1:] - c.moved[..., :1]) / nudge
     time = prepared.linearised.run.time[1:] - 0.5 * prepared.linearised.run.step
     course = markov_course(time, memory / KNOTS, memory)[:, None, :]

@@ -21,11 +21,8 @@ from manoeuvre_nn.dynamics.replay import integrate
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.estimation.corrections import Calibrated
 from manoeuvre_nn.estimation.effect_columns import (
-    behind_record,
-    blade_along,
+    beside_it,
     contribution,
-    hulls_beside,
-    indicated,
     latency_column,
     own_states,
     perfect,
@@ -34,6 +31,7 @@ from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import joined
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, heel_of, integrated, linearise, sides_of
 from manoeuvre_nn.estimation.prepared_run import process_time, start_spread, typical_rates
+from manoeuvre_nn.estimation.rudder_blades import behind_record, blade_along, indicated
 from manoeuvre_nn.estimation.smoothed_run import first_guess
 from manoeuvre_nn.recording.holes import rudder_known_until
 from manoeuvre_nn.recording.outliers import spikes
@@ -243,10 +241,10 @@ def start_state_and_covariance(
     for _ in range(3):
         linearised = linearise(run, rate, track)
         effects, here = hypothesis.effects, [v[0] for v in hypothesis.values]
-        beside = [hulls_beside(effects, here, k) for k in range(len(effects))]
-        each = zip(effects, hypothesis.values, beside, strict=True)
         line = behind_record(linearised, effects, here)
-        added = [contribution(e, v, line, hulls=hulls) for e, v, hulls in each]
+        beside = [beside_it(effects, here, k, line) for k in range(len(effects))]
+        each = zip(effects, hypothesis.values, beside, strict=True)
+        added = [contribution(e, v, line, beside=others) for e, v, others in each]
         linearised = replace(linearised, receiver=sum((c.measured[:, :4, 0] for c in added), np.zeros((1, 4))))
         # Data less latency and effects at their values.
         all_of_them = joined([linearised.data, latency_column(linearised), *added])
@@ -260,9 +258,14 @@ def start_state_and_covariance(
 
 def _memory_at_end(hypothesis: Hypothesis, linearised: LinearisedRun) -> list[Float[np.ndarray, " m"]]:
     """Own states of the effects at the end of the warm-up: a ship that is in a turn by then heels already."""
-    acting = [e.at(torch.tensor(v)[:, None, :]) for e, v in zip(hypothesis.effects, hypothesis.values, strict=True)]
-    with torch.no_grad():
-        return [own_states(a, linearised.situation, 1, linearised.run.step)[0, -1].numpy() for a in acting if a.memory]
+    effects, here, made = hypothesis.effects, [v[0] for v in hypothesis.values], []
+    for k, (effect, value) in enumerate(zip(effects, here, strict=True)):
+        if effect.memory:
+            s = beside_it(effects, here, k, linearised).drive(linearised.situation)
+            with torch.no_grad():
+                acting = effect.at(torch.tensor(value)[None, None, :])
+                made.append(own_states(acting, s, 1, linearised.run.step)[0, -1].numpy())
+    return made
 
 
 def _written(

@@ -22,7 +22,8 @@ class _Affected(ModelAround):
     The state is u, v, r *through the water*, x, y, psi over ground, the model's own states, then those of the
     effects. A uniform current therefore changes the track and nothing else (Fossen 2012; Hegrenaes & Hallingstad 2011).
     Several effects add their accelerations, which are those of the ship as effects on her inertia have changed her, her
-    coefficients corrected where the model corrects them.
+    coefficients corrected where the model corrects them. Own states are driven by the accelerations of the model and of
+    the effects without own states: a wind, too, heels a ship that it pushes sideways.
 
     Attributes:
         calm: The calm-water model: a reference ship or an identified one.
@@ -37,18 +38,21 @@ class _Affected(ModelAround):
     def forward(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Float[Tensor, "*batch n"]:
         """Rate of the state: in calm water, and what every effect adds."""
         s, motion, rolling = self._seen(state, inputs)
-        added, heeling, own = None, torch.zeros_like(s.u), []
+        added, heeling, own, driven = None, torch.zeros_like(s.u), [], None
         # What an effect does not do is left out: where few rows are sailed, the number of operations takes the time.
-        for effect, memory in self._memories(state):
+        for effect, memory in sorted(self._memories(state), key=lambda one: bool(one[0].memory)):
+            if effect.memory and driven is None:
+                driven = s if added is None else s.with_(nudot=s.nudot + added)
+            here = s if driven is None else driven
             if effect.overrides("force", "acceleration"):
-                caused = effect.acceleration(s, memory)
+                caused = effect.acceleration(here, memory)
                 for hull in () if effect in self._hulls else self._hulls:
                     caused = hull.with_changed_inertia(s, caused)
                 added = caused if added is None else added + caused
             if effect.overrides("stream"):
                 motion = motion + nn.functional.pad(effect.stream(s), (0, 1))
             if effect.memory:
-                own.append(effect.memory_rate(s, memory))
+                own.append(effect.memory_rate(here, memory))
             if self.own_names:
                 heeling = heeling + effect.heeling(s)
         if added is None:
@@ -62,7 +66,7 @@ class _Affected(ModelAround):
         return torch.cat([self.calm.start(state, inputs), *(e.memory_at_start(s) for e in self._effects)], dim=-1)
 
     def situation(self, state: Float[Tensor, "*batch n"], inputs: Inputs) -> Situation:
-        """What the effects see, accelerations being those of calm water."""
+        """What effects without own states see, accelerations being those of calm water."""
         return self._seen(state, inputs)[0]
 
     def on_approach(self, speed: float) -> "_Affected":

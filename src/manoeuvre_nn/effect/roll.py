@@ -26,14 +26,15 @@ class RollCoupling(Effect):
         Y = (Y_phi + Y_rrphi r'^2) phi + Y_pdot dp'/dt      N = (N_phi + N_rrphi r'^2) phi + N_p p'
 
     in units of ``.5 rho L T U0^2`` and ``.5 rho L^2 T U0^2``; heel to starboard is positive. dv/dt is that of the ship
-    without effects; ``period`` is a factor on the natural period, which sway makes a tenth shorter on the container
-    ship. Own states: heel [rad] and its rate. All but N_phi are form parameters. Their priors span both
-    published ships: a least-squares fit to what heel does in turns and zigzags gives for Son & Nomoto's container ship
-    N_rrphi -.1, Y_phi 0, Y_rrphi .2, N_p .004, Y_pdot .004, for Blanke & Christensen's naval vessel -.09, .02, .2, 0,
-    -.004. They act by the share ``N_phi^2 / (N_phi^2 + .01^2)``: without N_phi there is no effect. Else five forces
-    that no reported number tells of take up what wrong coefficients do. ``damping`` is a factor on zeta, which is .02
-    to .15 for ships without and with bilge keels, at rest and at speed. The arm (KG - T/2)/GM makes one number with
-    N_phi, whose bound is Munk's moment of a heeled hull, about .17, at an arm three times as long.
+    without heel, other forces included as if they acted at half the draught; ``period`` is a factor on the natural
+    period, which sway makes a tenth shorter on the container ship. Own states: heel [rad] and its rate. All but N_phi
+    are form parameters. Their priors span both published ships: a least-squares fit to what heel does in turns and
+    zigzags gives for Son & Nomoto's container ship N_rrphi -.1, Y_phi 0, Y_rrphi .2, N_p .004, Y_pdot .004, for Blanke
+    & Christensen's naval vessel -.09, .02, .2, 0, -.004. They act by the share ``N_phi^2 / (N_phi^2 + .01^2)``: without
+    N_phi there is no effect. Else five forces that no reported number tells of take up what wrong coefficients do.
+    ``damping`` is a factor on zeta, which is .02 to .15 for ships without and with bilge keels, at rest and at speed.
+    The arm (KG - T/2)/GM makes one number with N_phi, whose bound is Munk's moment of a heeled hull, about .17, at an
+    arm three times as long.
     """
 
     name = "roll_coupling"

@@ -1,7 +1,7 @@
 """What effects, coefficients and sensors add to a run: columns of its linear equations."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -11,13 +11,39 @@ from torch import Tensor
 
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.core.effect import Effect, Situation
-from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.estimation.corrections import Corrections
 from manoeuvre_nn.estimation.linear_run import Columns
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, shown
+from manoeuvre_nn.estimation.rudder_blades import blades, undoes_a_record
 from manoeuvre_nn.recording.holes import in_breaks
+
+
+@dataclass(frozen=True)
+class Beside:
+    """What the other effects of a run are to one of them, at their values.
+
+    Attributes:
+        hulls: Those that change the ship's inertia under one that does not.
+        nudot: What those without own states add to the accelerations that drive its own states (:class:`.Situation`),
+            one row a set of its values or one for all; None where these are not driven by accelerations.
+    """
+
+    hulls: Sequence[Effect] = ()
+    nudot: Float[Tensor, "#k n 3"] | None = None
+
+    def drive(self, s: Situation) -> Situation:
+        """What an effect with own states sees."""
+        return s if self.nudot is None else s.with_(nudot=s.nudot + self.nudot)
+
+    def with_more(self, nudot: Float[Tensor, "#k n 3"]) -> "Beside":
+        """The same with further accelerations."""
+        return replace(self, nudot=nudot if self.nudot is None else self.nudot + nudot)
+
+
+ALONE = Beside()
+"""No other effect."""
 
 
 def contribution(
@@ -25,7 +51,7 @@ def contribution(
     values: Float[np.ndarray, "k p"],
     linearised: LinearisedRun,
     blade: Float[Tensor, "k n"] | None = None,
-    hulls: Sequence[Effect] = (),
+    beside: Beside = ALONE,
 ) -> Columns:
     """What an effect adds to a run, for several sets of parameter values at once.
 
@@ -34,22 +60,43 @@ def contribution(
         values: Parameter values, one set a row.
         linearised: The run about its track, and the rudder as :func:`behind_record` has it.
         blade: Angle of the blade for each set (:func:`blades`); None finds it.
-        hulls: Effects beside it that change the ship's inertia, at their values (:func:`hulls_beside`).
+        beside: The effects beside it (:func:`beside_it`).
 
     Returns:
         One column a set.
     """
     s, rows, n = linearised.situation, len(values), len(linearised.run)
     with torch.no_grad():
-        acting = effect.at(s.nu.new_tensor(values)[:, None, :]).aboard(linearised.rate.dynamics.corrected(effect.ship))
+        acting = _acting(effect, values, linearised)
         if blade is None:
             (blade,) = blades(effect, [values], [linearised])
-        memory = own_states(acting, s, rows, linearised.run.step)
-        changed = _added_rates(acting, memory, linearised, blade, hulls)
+        memory = own_states(acting, beside.drive(s), rows, linearised.run.step)
+        changed = _added_rates(acting, memory, linearised, blade, beside)
         here = s if blade is None else s.with_(delta=blade)
         moved = moved_by(changed, acting.stream(here).expand(rows, n, 2), linearised)
         seen = s.with_(shaft=acting.shaft(here, memory).expand(rows, n))
         return Columns(_recorded(acting, linearised, seen, rows), moved.permute(1, 2, 0).numpy())
+
+
+def _acting(effect: Effect, values: Float[np.ndarray, "k p"], linearised: LinearisedRun) -> Effect:
+    """An effect at several sets of values, on the ship as her coefficients are corrected."""
+    acting = effect.at(linearised.moving.new_tensor(values)[:, None, :])
+    return acting.aboard(linearised.rate.dynamics.corrected(effect.ship))
+
+
+def added_accelerations(
+    effect: Effect,
+    values: Float[np.ndarray, "k p"],
+    linearised: LinearisedRun,
+    blade: Float[Tensor, "k n"] | None = None,
+    beside: Beside = ALONE,
+) -> Float[Tensor, "k n 3"]:
+    """What an effect without own states adds to udot, vdot [m/s^2] and rdot [rad/s^2]; see :func:`contribution`."""
+    with torch.no_grad():
+        if blade is None:
+            (blade,) = blades(effect, [values], [linearised])
+        none = linearised.moving.new_zeros(len(values), len(linearised.moving), 0)
+        return _added_rates(_acting(effect, values, linearised), none, linearised, blade, beside)[..., :3]
 
 
 def _added_rates(
@@ -57,7 +104,7 @@ def _added_rates(
     memory: Float[Tensor, "k n m"],
     linearised: LinearisedRun,
     blade: Float[Tensor, "k n"] | None,
-    hulls: Sequence[Effect],
+    beside: Beside,
 ) -> Float[Tensor, "k n r"]:
     """What an effect adds to the rates of u, v, r and the own states along a track, for several sets of values."""
     s, rate, moving, sides = linearised.situation, linearised.rate, linearised.moving, linearised.sides
@@ -65,14 +112,14 @@ def _added_rates(
     changed = torch.zeros_like(everywhere)
     if blade is not None:
         here = s.with_(delta=blade)
-        without = linearised.as_recorded if _undoes_a_record(acting) else linearised.calm
+        without = linearised.as_recorded if undoes_a_record(acting) else linearised.calm
         changed = changed + rate(everywhere, blade, s.shaft, sides) - without
     if acting.overrides("shaft") and bool((s.shaft == 1).all()):
         shaft = acting.shaft(here, memory).expand(everywhere.shape[:2])
         changed = changed + rate(everywhere, s.delta, shaft, sides) - linearised.calm
     heeling = acting.heeling(here) if linearised.states.own else s.u
-    changed = changed + with_roll(acting.ship, acting.acceleration(here, memory), heeling)
-    for hull in hulls:
+    changed = changed + with_roll(acting.ship, acting.acceleration(beside.drive(here), memory), heeling)
+    for hull in beside.hulls:
         changed = torch.cat([hull.with_changed_inertia(s, changed[..., :3]), changed[..., 3:]], dim=-1)
     return changed
 
@@ -107,15 +154,15 @@ def with_feedback(
     with torch.no_grad():
         for number, (effect, value) in enumerate(zip(effects, values, strict=True)):
             # Derivatives in calm water are taken at the rudder behind its record already.
-            if _undoes_a_record(effect) or not effect.overrides("force", "acceleration", "blade", "shaft", "heeling"):
+            if undoes_a_record(effect) or not effect.overrides("force", "acceleration", "blade", "shaft", "heeling"):
                 continue
             table = np.array([value])
-            acting = effect.at(torch.tensor(table)[:, None, :]).aboard(linearised.rate.dynamics.corrected(effect.ship))
+            acting = _acting(effect, table, linearised)
             (blade,) = blades(effect, [table], [linearised])
-            memory = own_states(acting, linearised.situation, 1, linearised.run.step)
-            hulls = hulls_beside(effects, values, number)
+            beside = beside_it(effects, values, number, linearised)
+            memory = own_states(acting, beside.drive(linearised.situation), 1, linearised.run.step)
             for j, both in zip(lines, shifted, strict=True):
-                up, down = (_added_rates(acting, memory, line, blade, hulls)[0].numpy() for line in both)
+                up, down = (_added_rates(acting, memory, line, blade, beside)[0].numpy() for line in both)
                 by_state[:, moves, j] += (up - down) / (2 * states.unit[j])
     if not by_state.any():
         return linearised
@@ -135,119 +182,39 @@ def hulls_beside(effects: Sequence[Effect], values: Sequence[Float[np.ndarray, "
     return [] if number in hulls else [effects[k].at(effects[k].values.new_tensor(values[k])) for k in hulls]
 
 
-def blades(
-    effect: Effect, tables: Sequence[Float[np.ndarray, "k p"]], linearised: Sequence[LinearisedRun]
-) -> list[Float[Tensor, "k n"] | None]:
-    """Angle of the blade at all samples of several runs behind one effect, for several sets of values at once.
-
-    A blade that remembers is followed from sample to sample, all runs and sets together.
+def beside_it(
+    effects: Sequence[Effect], values: Sequence[Float[np.ndarray, " p"]], number: int, linearised: LinearisedRun
+) -> Beside:
+    """What the others among the effects of a run are to one of them.
 
     Args:
-        effect: The effect.
-        tables: Parameter values of each run, one set a row.
-        linearised: The runs.
+        effects: All effects, as they act.
+        values: Their values.
+        number: Which of them.
+        linearised: The run about its track.
 
     Returns:
-        One table of angles a run; None if the effect leaves the blade as indicated.
+        They at their values.
     """
-    runs = [line.run for line in linearised]
+    beside = Beside(hulls_beside(effects, values, number))
+    if feels_acceleration(effects[number], linearised):
+        for k, (effect, value) in enumerate(zip(effects, values, strict=True)):
+            if k != number and not effect.memory:
+                own = Beside(hulls_beside(effects, values, k))
+                beside = beside.with_more(
+                    added_accelerations(effect, effect.steady(value)[None], linearised, beside=own)
+                )
+    return beside
+
+
+def feels_acceleration(effect: Effect, linearised: LinearisedRun) -> bool:
+    """Whether the own states of an effect are driven by the ship's accelerations, as heel is."""
+    if not effect.memory:
+        return False
+    s = linearised.situation
+    still, other = s.nu.new_zeros(len(s.nu), effect.memory), s.with_(nudot=s.nudot + 1.0)
     with torch.no_grad():
-        if _undoes_a_record(effect):
-            acting = [effect.at(torch.tensor(table)[:, None, :]) for table in tables]
-            return [indicated(a, r, torch.tensor(r["delta"])[None]) for a, r in zip(acting, runs, strict=True)]
-        if not effect.overrides("blade"):
-            return [None] * len(runs)
-        shown = [torch.tensor(x.indicated).expand(len(v), -1) for x, v in zip(linearised, tables, strict=True)]
-        return list(_behind(effect, [torch.tensor(table) for table in tables], runs, shown))
-
-
-def _undoes_a_record(effect: Effect) -> bool:
-    return effect.overrides("indicated")
-
-
-def behind_record(
-    linearised: LinearisedRun, effects: Sequence[Effect], values: Sequence[Float[np.ndarray, " p"]]
-) -> LinearisedRun:
-    """A run with the rudder where the effects of a hypothesis say that its indicator was, for what acts beside them."""
-    shown = torch.tensor(linearised.run["delta"])[None]
-    for effect, here in zip(reversed(effects), reversed(values), strict=True):
-        if _undoes_a_record(effect):
-            shown = indicated(effect.at(shown.new_tensor(here)), linearised.run, shown)
-    same = np.array_equal(shown[0], linearised.indicated)
-    return linearised if same else replace(linearised, indicated=shown[0].numpy())
-
-
-def indicated(acting: Effect, run: Recording, recorded: Float[Tensor, "rows n"]) -> Float[Tensor, "rows n"]:
-    """What the indicator showed during a run behind a recorded angle [rad] (:meth:`.Effect.indicated`).
-
-    Returns:
-        Angles [rad]. A late record would have told in a hole of a time before it: there they are those of the orders.
-    """
-    given, time = run.ordered_rudder(acting.ship.particulars.rudder_rate), torch.tensor(run.time)
-    ordered = None if given is None else torch.tensor(given)
-    shown, breaks = acting.indicated(recorded, ordered, time), run.meta.get("breaks", ())
-    if ordered is None or not breaks:
-        return shown
-    told_at = acting.indicated(time.expand_as(recorded), None, time)
-    lost = sum(
-        ((told_at > begin) & (told_at < end) for begin, end in breaks), torch.zeros_like(shown, dtype=torch.bool)
-    )
-    return torch.where(lost & ordered.isfinite(), ordered, shown)
-
-
-def blade_along(acting: Effect, run: Recording, shown: Float[Tensor, "rows n"]) -> Float[Tensor, "rows n"]:
-    """Angle of the blade at all samples of a run behind one effect.
-
-    Args:
-        acting: The effect; values of one row each.
-        run: The run, for its orders and the times at which they were given.
-        shown: What the effect is shown: the indicated angle, or the blade behind another effect [rad].
-
-    Returns:
-        Blade angle [rad].
-    """
-    values = acting.values.reshape(-1, len(acting.declared)).expand(len(shown), -1)
-    return _behind(acting, [values], [run], [shown])[0]
-
-
-def _behind(
-    effect: Effect, values: Sequence[Tensor], runs: Sequence[Recording], shown: Sequence[Tensor]
-) -> list[Float[Tensor, "rows n"]]:
-    """The blade behind an effect: what is shown, and what the fault adds to it."""
-    # A last row of each run has the effect vanish: orders say only roughly what the gear should have done.
-    counts, longest = [len(d) + 1 for d in shown], max(len(r) for r in runs)
-    every = torch.cat([torch.cat([v, effect.null().to(v)[None]]) for v in values])
-
-    def table(rows: Sequence[Tensor]) -> Tensor:
-        """Rows of all runs, the shorter ones held at their ends."""
-        wide = [torch.cat([r, r[..., -1:].expand(*r.shape[:-1], longest - r.shape[-1])], dim=-1) for r in rows]
-        return torch.cat([r.expand(k, -1) for r, k in zip(wide, counts, strict=True)])
-
-    order, lead = (table([torch.tensor(r[name]) for r in runs]) for name in ("delta_order", "order_lead"))
-    step = torch.cat([torch.full((k, 1), r.step, dtype=every.dtype) for k, r in zip(counts, runs, strict=True)])
-    indicated = table([torch.cat([d, d[:1]]) for d in shown])
-    made = _followed(effect.at(every[:, None, :]), order, lead, step, indicated).split(counts)
-    return [d + m[:-1, : d.shape[-1]] - m[-1:, : d.shape[-1]] for d, m in zip(shown, made, strict=True)]
-
-
-def _followed(acting: Effect, order: Tensor, lead: Tensor, step: Tensor, shown: Tensor) -> Float[Tensor, "rows n"]:
-    """Angle behind an effect as it computes it, from sample to sample if it remembers."""
-    held = torch.cat([order[:, :1], order[:, :-1]], dim=-1)
-    here = acting.blade(shown, held, shown, step).expand(shown.shape)
-    if torch.equal(here, acting.blade(shown + 1.0, held, shown, step).expand(shown.shape)):
-        return here  # it has no memory
-    # Where a new order came within the step it is cut there: the old order first, then the new one.
-    came = lead > 0
-    before = torch.cat([shown[:, :1], shown[:, :-1]], dim=-1)
-    first = torch.where(came, before, shown)
-    pieces = (held, torch.where(came, order, held)), (first, shown), ((1 - lead) * step, lead * step)
-    # Where none came in any row a step is one piece; where one did, it lasts no time in the others and changes nothing.
-    taken = torch.stack([torch.ones_like(came[0]), came.any(dim=0)], dim=-1)
-    taken[0] = False
-    in_turn = (torch.stack([p.expand_as(shown) for p in both], dim=-1)[:, taken] for both in pieces)
-    start = acting.blade(shown[:, :1], order[:, :1], shown[:, :1], 0 * step).expand(step.shape)
-    angles = acting.blade_in_turn(start, *in_turn)
-    return torch.cat([start, angles[:, taken.sum(dim=-1)[1:].cumsum(dim=0) - 1]], dim=-1)
+        return not torch.equal(effect.memory_rate(s, still), effect.memory_rate(other, still))
 
 
 def own_states(acting: Effect, s: Situation, rows: int, step: float) -> Float[Tensor, "rows n m"]:

@@ -6,13 +6,22 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float, Int
 
-from manoeuvre_nn.core.effect import Parameter
+from manoeuvre_nn.core.effect import Effect, Parameter
 from manoeuvre_nn.estimation.changed_coefficients import changed_base
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
-from manoeuvre_nn.estimation.effect_columns import behind_record, blades, contribution, hulls_beside
+from manoeuvre_nn.estimation.effect_columns import (
+    Beside,
+    added_accelerations,
+    beside_it,
+    contribution,
+    feels_acceleration,
+    hulls_beside,
+)
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.linear_run import Columns, joined
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun
 from manoeuvre_nn.estimation.posterior import Posterior
+from manoeuvre_nn.estimation.rudder_blades import behind_record, blades
 
 
 @dataclass(frozen=True)
@@ -75,7 +84,10 @@ def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Hyp
         ]
         angles = blades(effect, tables, lines)
         for run, line in enumerate(lines):
-            c = contribution(effect, tables[run], line, angles[run], hulls_beside(hypothesis.effects, here[run], k))
+            beside = beside_it(hypothesis.effects, here[run], k, line)
+            c = contribution(effect, tables[run], line, angles[run], beside)
+            for driven in _driven(hypothesis.effects, here[run], k, tables[run], line):
+                c = c + driven
             changed = range(len(mine[run])), [unknowns[i].column for i in mine[run]]
             steps = tables[run][1::2][changed] - tables[run][2::2][changed]
             # The effect at its values, then (up - down) / step of every unknown.
@@ -85,6 +97,28 @@ def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Hyp
     columns = [_summed_up(p) if p else zero for p, zero in zip(parts, nothing, strict=True)]
     turned = changed_base(data_set, hypothesis)
     return HypothesisColumns(hypothesis, columns, [np.array(at) for at in index], 1 + len(unknowns), turned)
+
+
+def _driven(
+    effects: Sequence[Effect],
+    values: Sequence[Float[np.ndarray, " p"]],
+    number: int,
+    table: Float[np.ndarray, "k p"],
+    linearised: LinearisedRun,
+) -> list[Columns]:
+    """What several values of an effect, each beside the first, change in what the others add whose states it drives."""
+    made: list[Columns] = []
+    if effects[number].memory or len(table) == 1:
+        return made
+    for other, (effect, value) in enumerate(zip(effects, values, strict=True)):
+        if other != number and feels_acceleration(effect, linearised):
+            beside = beside_it(effects, values, other, linearised)
+            own = Beside(hulls_beside(effects, values, number))
+            rows = added_accelerations(effects[number], table, linearised, beside=own)
+            driven = beside.with_more(rows - rows[:1])
+            c = contribution(effect, np.tile(value, (len(table), 1)), linearised, beside=driven)
+            made.append(c - c[:1])
+    return made
 
 
 def _table(values: Float[np.ndarray, " p"], unknowns: Mapping[int, Parameter]) -> Float[np.ndarray, "k p"]:

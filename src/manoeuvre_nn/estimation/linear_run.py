@@ -59,6 +59,10 @@ class Columns:
         """Some of the columns."""
         return self._each(lambda part: part[..., chosen])
 
+    def __add__(self, other: "Columns") -> "Columns":
+        """The sum, column by column."""
+        return Columns(self.measured + other.measured, self.moved + other.moved)
+
     def __sub__(self, other: "Columns") -> "Columns":
         """Columns less others, one by one or all less one; without those of the first state."""
         return Columns(self.measured - other.measured, self.moved - other.moved)

@@ -7,13 +7,13 @@ from jaxtyping import Float
 
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet
-from manoeuvre_nn.estimation.effect_columns import behind_record
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import joined
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.prepared_run import about_states, base_columns
+from manoeuvre_nn.estimation.rudder_blades import behind_record
 from manoeuvre_nn.estimation.smoothed_run import step_share
 from manoeuvre_nn.numerics.finite_algebra import lstsq
 

@@ -120,21 +120,24 @@ def _write(effects: Sequence[Effect], build: Builder, calm: Sequence[sympy.Symbo
     hulls = [e for e in effects if e.overrides("with_changed_inertia")]
     with torch.no_grad(), Trace(build) as trace:
         s = _situation(trace, symbols, given, calm)
-        for effect in effects:
+        driven = s
+        for effect in sorted(effects, key=lambda one: bool(one.memory)):
             build.section(f"{effect.label[:1].upper()}{effect.label[1:]}")
             count = len(rates)
             own = [f"{OWN}{count + k + 1}" for k in range(effect.memory)]
             memory = trace.variable(torch.zeros(1, len(own), dtype=torch.float64), [symbols[name] for name in own])
             try:
                 tuned = effect.at(_values(trace, effect, symbols))
-                caused = tuned.acceleration(s, memory)
+                here = driven if effect.memory else s
+                caused = tuned.acceleration(here, memory)
                 for hull in () if effect in hulls else hulls:
                     caused = hull.at(_values(trace, hull, symbols)).with_changed_inertia(s, caused)
-                moved, own_rates = trace.formulas(tuned.stream(s)), trace.formulas(tuned.memory_rate(s, memory))
+                moved, own_rates = trace.formulas(tuned.stream(s)), trace.formulas(tuned.memory_rate(here, memory))
             except InputError as error:
                 raise InputError(f"effect.{effect.name} cannot be exported: it {error}") from error
             for column, formula in zip((*columns, *stream), (*trace.formulas(caused), *moved), strict=True):
                 column += [formula] if formula != 0 else []
+            driven = driven if effect.memory else driven.with_(nudot=driven.nudot + caused)
             rates += own_rates
     build.section("All accelerations")
     for name, column in zip(("udot", "vdot", "rdot"), columns, strict=True):

@@ -12,6 +12,9 @@ import torch
 from pytest import approx
 
 from manoeuvre_nn.core.effect import Situation
+from manoeuvre_nn.core.inputs import Inputs
+from manoeuvre_nn.dynamics.model import CalmWater
+from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.loading import DisplacementChange, TrimChange
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.propulsion import (
@@ -130,6 +133,20 @@ def test_heel_turns_the_mariner_and_follows_her_turn_as_in_the_package():
     # The referee's dv/dt contains what heel does.
     after = s.with_(nudot=torch.tensor(rates("mariner", truth)[3:6])[None])
     assert rates("mariner", truth)[6:] == approx(effect.memory_rate(after, memory)[0].numpy(), rel=2e-4)
+
+
+def test_heel_follows_a_side_force_as_in_the_package():
+    heel, force = {"N_phi": 0.05}, {"force_kN": 700.0, "lever_m": 30.0}
+    both = [ConcealedEffect("roll_coupling", heel), ConcealedEffect("side_force", force)]
+    ship, (u, v, r, d) = PACKAGE["mariner"], STATE["mariner"]
+    aboard = Vessel(CalmWater(ship), [RollCoupling(ship, **heel), SideForce(ship, **force, **ALWAYS)])
+    state = torch.tensor([[u, v, r, 400.0, -90.0, PSI, 0.06, 0.004]], dtype=torch.float64)
+    delta, time = torch.tensor([-d], dtype=torch.float64), torch.tensor([TIME], dtype=torch.float64)
+    found = aboard.model(state, Inputs(delta, shaft=torch.full_like(delta, N), time=time))[0].numpy()
+    expected, alone = (rates("mariner", one) for one in (build(SHIPS["mariner"], e, ["r01"]) for e in (both, [])))
+    # Its dv/dt contains what heel does, too.
+    assert found[[0, 1, 2]] == approx(expected[3:6], rel=1e-3)
+    assert found[7] == approx(expected[7], rel=0.01) and abs(expected[7] - alone[7]) > 0.02 * abs(expected[7])
 
 
 def test_a_power_limit_is_that_of_the_package_with_its_lag():
