@@ -17,8 +17,8 @@ from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS, still_missing
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs, prove
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
 from manoeuvre_nn.diagnosis.result import USABLE_MODEL, Cause, Check, Diagnosis, Proof, Residual, rmse
-from manoeuvre_nn.diagnosis.search import Progress, SearchResult, search
-from manoeuvre_nn.diagnosis.settled import settled
+from manoeuvre_nn.diagnosis.search import Progress, SearchResult
+from manoeuvre_nn.diagnosis.settled import searched
 from manoeuvre_nn.diagnosis.words import (
     left_open,
     nature_sentence,
@@ -48,7 +48,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     began = time.perf_counter()
     progress("tracks and noise")
     data_set = whitened_data_set(question.dynamics, question.case.fitted)
-    tried = settled(search(data_set, question.effects, progress, question.workers), question.workers)
+    tried = searched(data_set, question.effects, progress, question.workers)
     progress("proof")
     verdict, (chosen, proofs, checks) = decided(question, tried)
     if question.remainder and is_left(tried.likelihood, chosen):

@@ -3,24 +3,87 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from math import log
 
 import numpy as np
+from scipy.special import logsumexp
 
+from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.diagnosis.decision import (
     MAX_DEFICIT_IN_RACE,
     MAX_IN_RACE,
     MAX_SETTLED,
+    PRIOR_NONE,
+    base_rate,
+    effects_tried,
     has_one_less,
     likelier_than_calm_water,
     plausible,
 )
 from manoeuvre_nn.diagnosis.fits import at_rest, refine
-from manoeuvre_nn.diagnosis.search import SearchResult
+from manoeuvre_nn.diagnosis.search import Progress, SearchResult, search
 from manoeuvre_nn.diagnosis.workers import shared_out
+from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.marginal_likelihood import (
+    PROCESS_PRIOR,
+    USUAL_LEVELS,
+    MarginalLikelihood,
+    log_prior_levels,
+)
 from manoeuvre_nn.estimation.relinearise import beside
+
+
+def searched(
+    data_set: WhitenedDataSet, effects: Sequence[Effect], progress: Progress = lambda _: None, workers: int = 1
+) -> SearchResult:
+    """Search and settle; where the leading hypothesis needs a ship with other coefficients, without such ships too.
+
+    Coefficients that may be anything take up the greater part of several strong effects, so that the search follows
+    none of them. With those as they usually are it does; what it finds so is weighed with any coefficients.
+
+    Args:
+        data_set: The fitted runs.
+        effects: Prototypes of the candidates.
+        progress: Is told which candidate is under test.
+        workers: Processes among which the fits are shared out.
+
+    Returns:
+        The one of both in which the leading hypothesis is likelier, base rates counted.
+    """
+    found = settled(search(data_set, effects, progress, workers), workers)
+    if is_fitted(data_set.dynamics) or _leading(found)[1].best[1] < USUAL_LEVELS:
+        return found
+    progress("all again with coefficients as usual")
+    prior = data_set.coefficient_prior._replace(usual=True)
+    usual = settled(search(data_set.with_prior(prior), effects, progress, workers), workers)
+    again = _with_any_coefficients(usual)
+    return again if _leading(again)[0] > _leading(found)[0] else found
+
+
+def _leading(result: SearchResult) -> tuple[float, FittedHypothesis]:
+    """What leads, and its log evidence and base rate; calm water if nothing else does."""
+    effects = len(effects_tried(result))
+    weighed = [(j.evidence + log(base_rate(len(j.names), effects)), j) for j in result.fitted]
+    return max([(result.none.evidence + log(PRIOR_NONE), result.none), *weighed], key=lambda one: one[0])
+
+
+def _with_any_coefficients(usual: SearchResult) -> SearchResult:
+    """A search in which coefficients were as usual with its hypotheses weighed with any."""
+    known = usual.likelihood.data_set
+    data_set = known.with_prior(known.coefficient_prior._replace(usual=False))
+    before, now = (log_prior_levels(one, PROCESS_PRIOR) for one in (known, data_set))
+
+    def weighed(j: FittedHypothesis) -> FittedHypothesis:
+        more = float(logsumexp(j.by_level + now) - logsumexp(j.by_level + before))
+        best = np.unravel_index(int((j.by_level + now).argmax()), now.shape)
+        return replace(j, evidence=j.evidence + more, best=(int(best[0]), int(best[1])))
+
+    likelihood = MarginalLikelihood(data_set)
+    none = beside(likelihood, usual.none.hypothesis).evaluate(usual.none.hypothesis, around=usual.none.best[0])
+    fitted = sorted(map(weighed, usual.fitted), key=lambda j: -j.evidence)
+    return SearchResult(none, fitted, likelihood)
 
 
 def settled(result: SearchResult, workers: int = 1) -> SearchResult:

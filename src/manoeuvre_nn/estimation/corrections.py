@@ -41,10 +41,12 @@ class CoefficientPrior(NamedTuple):
     Attributes:
         coupling: Correlation of one term's errors in Y and N.
         missing: Size of the terms that the set lacks, over ``MISSING``.
+        usual: Whether all errors are as large as those of published sets usually are, and no larger.
     """
 
     coupling: float = 0.0
     missing: float = 1.0
+    usual: bool = False
 
     def root(self, names: Sequence[str]) -> Float[np.ndarray, "k k"]:
         """Root R of the prior covariance ``R R^T`` of the corrections, that of one alone being 1.

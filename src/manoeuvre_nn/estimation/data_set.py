@@ -1,5 +1,6 @@
 """All fitted runs of a ship, whitened: inner products of any columns of all of them, at every level of noise."""
 
+import copy
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -131,6 +132,12 @@ class WhitenedDataSet:
     def release(self) -> None:
         """Free the memory of all that can be made again: of a data set that another one has followed."""
         self._equations, self._at, self._by_rudder = [], {}, {}
+
+    def with_prior(self, prior: CoefficientPrior) -> "WhitenedDataSet":
+        """The same runs with another prior of the coefficients that goes together in the same way."""
+        made = copy.copy(self)
+        made.coefficient_prior, made._by_rudder, made._at = prior, {}, dict(self._at)
+        return made
 
     def with_rudders(self, indicated: Sequence[Float[np.ndarray, " n"]]) -> "WhitenedDataSet":
         """The same runs about the same states, corrections of rudder forces acting at other angles.

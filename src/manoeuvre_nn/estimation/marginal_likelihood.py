@@ -297,6 +297,8 @@ def log_prior_levels(data_set: WhitenedDataSet, process_prior: float | None) -> 
     if not is_fitted(data_set.dynamics):
         square = np.square(np.array(COEFFICIENT_SD_LEVELS) / COEFFICIENT_SD_PRIOR)
         scatter = np.log(square) - 0.5 * square
+    if data_set.coefficient_prior.usual:
+        scatter[USUAL_LEVELS:] = -np.inf
     total = process[:, None] + scatter[None, :]
     return total - logsumexp(total)
 

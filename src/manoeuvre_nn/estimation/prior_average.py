@@ -44,7 +44,8 @@ def with_likely_coefficient_prior(data_set: WhitenedDataSet, fitted: FittedHypot
         before, around = around, levels[int(np.max([e.max(axis=1) for e in each.values()], axis=0).argmax())]
         if around == before:
             likeliest = max(each, key=lambda kind: float(logsumexp(each[kind])))
-            return WhitenedDataSet(data_set.dynamics, found.whole, likeliest)
+            prior = likeliest._replace(usual=data_set.coefficient_prior.usual)
+            return WhitenedDataSet(data_set.dynamics, found.whole, prior)
 
 
 def gain_by_coefficient_priors(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> float:
