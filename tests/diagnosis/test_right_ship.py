@@ -18,6 +18,7 @@ from manoeuvre_nn.diagnosis.right_ship import MIN_GAIN_OF_ANOTHER, _Accounts, ri
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.effect.common import in_tight_turns
+from manoeuvre_nn.estimation.corrections import CoefficientPrior
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
@@ -25,7 +26,7 @@ from manoeuvre_nn.estimation.posterior import posterior
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
-DATA_SET = SimpleNamespace(dynamics=CALM, levels=PROCESS_LEVELS)
+DATA_SET = SimpleNamespace(dynamics=CALM, levels=PROCESS_LEVELS, coefficient_prior=CoefficientPrior())
 
 
 def explaining(*names: str, usual: float = -1e4, other: float = -1e4, any_force: float = -1e4) -> FittedHypothesis:

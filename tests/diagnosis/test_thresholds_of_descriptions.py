@@ -21,6 +21,7 @@ from manoeuvre_nn.diagnosis.unknown import ReceiverWander
 from manoeuvre_nn.effect.common import RAMP
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.formula import Formula
+from manoeuvre_nn.estimation.corrections import CoefficientPrior
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, ProcessLevels
@@ -121,7 +122,9 @@ def test_a_formula_pays_for_its_choice_and_twelve_if_a_calm_water_model_could_ha
 
 def test_something_unknown_is_averaged_over_noise_near_calm_waters_and_its_formula_is_half_of_it():
     """Equal evidence at every level of the grid: eleven levels near, of those that there are."""
-    data_set = SimpleNamespace(levels=PROCESS_LEVELS, runs=instruments(1.0).runs, dynamics=CALM)
+    data_set = SimpleNamespace(
+        levels=PROCESS_LEVELS, runs=instruments(1.0).runs, dynamics=CALM, coefficient_prior=CoefficientPrior()
+    )
     likelihood = SimpleNamespace(
         data_set=data_set, posterior=lambda h, g: SimpleNamespace(evidence=np.full(len(COEFFICIENT_SD_LEVELS), 7.0))
     )

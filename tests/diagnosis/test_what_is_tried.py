@@ -12,6 +12,7 @@ from trials import CALM, SHIP
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis import event_blocks, formula, next_runs, recurring, right_ship
 from manoeuvre_nn.diagnosis.search import SearchResult
+from manoeuvre_nn.estimation.corrections import CoefficientPrior
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
@@ -120,7 +121,9 @@ def weighed(monkeypatch, gain: float, likeliest: int) -> str:
     monkeypatch.setattr(right_ship._Accounts, "completed", lambda self: self)
     for course in ("random_force", "receiver_wander"):
         monkeypatch.setattr(right_ship, course, lambda *of_runs: Mock(evidence=-np.inf))
-    likelihood = SimpleNamespace(data_set=SimpleNamespace(dynamics=CALM, levels=PROCESS_LEVELS))
+    likelihood = SimpleNamespace(
+        data_set=SimpleNamespace(dynamics=CALM, levels=PROCESS_LEVELS, coefficient_prior=CoefficientPrior())
+    )
     check = right_ship.right_ship_check(SearchResult(fitted(0.0), [], likelihood), None)
     assert check.passed == (gain <= 7.0)
     return check.text
