@@ -12,7 +12,7 @@ from tiers import mainly
 from trials import CALM, NOISE, SHIP, run_of, sailed, values
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.diagnosis import words
+from manoeuvre_nn.diagnosis import next_runs, words
 from manoeuvre_nn.diagnosis.advise import Ranked, advise, apart, left_over
 from manoeuvre_nn.diagnosis.checks import aliases
 from manoeuvre_nn.diagnosis.next_runs import HALF, Plan, _manoeuvres, _sailed, new_runs, same_runs
@@ -246,6 +246,35 @@ def test_where_no_run_tells_it_is_said_what_to_measure(monkeypatch):
     assert advised is None
     assert said.endswith("measure the same with a second sensor and the wind and the waves; "
                          "none of 60 simulated runs would do (expected log Bayes factor 0.4).")  # fmt: skip
+
+
+@pytest.mark.parametrize("of_other, also", [(3.5, "; or a zigzag (3.5)"), (2.5, "")])
+def test_beside_a_run_on_another_heading_one_on_any_is_told_if_it_tells_enough(monkeypatch, of_other, also):
+    """Three in log evidence are enough; the circle needs the heading, too."""
+    circle, turned, zigzag = (Plan(name, {}, Mock(PreparedRun), h) for name, h in
+                              (("a circle", 0.5), ("a circle", 1.5), ("a zigzag", None)))  # fmt: skip
+    found = [(9.0, circle), (8.0, turned), (of_other, zigzag), (1.0, zigzag)]
+    monkeypatch.setattr(words, "advise", lambda *_: [found])
+    first, second = judged(WIND, evidence=30.0), judged(COMPASS, evidence=29.0)
+    (said,), advised = next_steps(search(first, second), verdict(first, heading_bias=0.3), first, True)
+    assert said.endswith(f"these recordings: 1.0){also}.") and advised is circle
+
+
+def test_a_run_that_ends_in_less_than_half_of_its_time_is_not_advised(monkeypatch):
+    """The first of the runs ends at .45 of the time, the second at .55."""
+    whole = next_runs.rollout
+
+    def ended(*given, **more):
+        runs = whole(*given, **more)
+        runs.ended[0] = 0.45 * next_runs.LENGTHS * SHIP.particulars.time_unit
+        runs.ended[1] = 0.55 * next_runs.LENGTHS * SHIP.particulars.time_unit
+        return runs
+
+    every = list(new_runs(stand("zigzag"), NOTHING.hypothesis))
+    monkeypatch.setattr(next_runs, "rollout", ended)
+    some = list(new_runs(stand("zigzag"), NOTHING.hypothesis))
+    assert [p.text for p in some] == [p.text for p in every[1:]]
+    assert len(some[0].prepared.linearised.run) < 0.6 * len(every[1].prepared.linearised.run)
 
 
 def test_nothing_is_simulated_where_the_verdict_is_certain(monkeypatch):

@@ -113,6 +113,7 @@ def test_a_current_is_named_with_its_speed_and_direction():
     (sails,) = [c for c in d.checks if c.name == REPAIRED_SAILS]
     over_noise = max(error / d.noise[c] for c, error in d.rmse("after").items() if error / d.noise[c] > 0)
     assert sails.passed and f"RMS errors are up to {over_noise:.2g} times the measurement noise" in sails.text
+    assert not any("RMS errors" in c.text for c in d.checks if c is not sails)
     assert probability(d, "current") > 0.9
     found = {v.name: v for v in d.causes[0].parameters}
     assert abs(found["speed"].value - 0.7) < 4 * found["speed"].error < 0.1
