@@ -21,6 +21,7 @@ from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.prepared_run import PreparedRun, prepared_run
 from manoeuvre_nn.estimation.run_states import RunStates
 from manoeuvre_nn.estimation.smoothed_run import first_guess, rounding_step
+from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.preparation import measured, smooth_shaft, with_measured
 
@@ -181,6 +182,21 @@ def test_a_stream_as_fast_as_the_ship_is_no_drift_of_hers(speed):
     found = placed(run_of(run, NOISE, seed=4)).linearised.track
     assert np.abs(first_guess(run_of(run))[:, 1]).max() > 0.9 * speed
     assert (np.abs(found - states_of(run))[:, [0, 2]] < [0.5, 1e-3]).all() and np.abs(found[:, 1]).max() < 2.0
+
+
+def test_a_ship_that_a_stream_stops_over_ground_goes_on_through_the_water():
+    """Neither log nor gyro: over ground she lies still in her turn, and drifts across her heading."""
+    tanker = CalmWater(ship_named("esso_190k"))
+    stream = Current(tanker.ship, speed=4.5, toward_deg=250.0)
+    with unchecked():
+        (sailing,) = roll_out(Vessel(tanker, [stream]), [turning_circle(35.0, duration=800.0)], step=1.0)
+    seen = measured(run_of(sailing, NOISE))
+    seen[:, 5:] = np.nan
+    run, speed = with_measured(run_of(sailing, NOISE), seen), tanker.particulars.speed
+    with unchecked():
+        found = prepared_run(tanker, run).linearised.track
+    assert first_guess(run)[:, 0].min() < 0 < 0.25 * speed < sailing["u"].min()
+    assert found[:, 0] == approx(sailing["u"], abs=0.15 * speed)
 
 
 @pytest.mark.parametrize("runaway", mainly(1, [2e-3, 4e-3]))

@@ -33,11 +33,14 @@ MAX_LEVERAGE = 0.9
 """Leverage of a sample at most: where a few samples alone tell a state, their residuals say nothing of their noise."""
 WHOLE = 0.01
 """How far from a whole number of steps a rounded value may be, over the step."""
-SHAFT = 7
-"""Channel of the shaft speed: no state explains it, so its misfit is no outlier."""
+LOG, SHAFT = 6, 7
+"""Channels of the speed log, and of the shaft speed: no state explains it, so its misfit is no outlier."""
 MAX_SWAY = 2 * TIGHT_TURN["v"]
 """Largest sway velocity over the approach speed that the smoother begins with: more over ground is a stream, through
 which no calm-water model sails sideways."""
+MIN_SURGE = 1 - 2 * TIGHT_TURN["u"]
+"""Least forward speed over the usual one over ground that the smoother begins with where no log shows it: a head stream
+brings a ship to a stop over ground, not through the water, and drift angles near 90 deg are beyond any model."""
 MOTION_POWERS = (0.5, 0.5, -0.5, 1.0, 1.0, 0.0)
 """Exponents of length with which u, v, r, x, y, psi go by Froude's law."""
 
@@ -90,6 +93,9 @@ def smooth(
     shaft = measured(run)[:, SHAFT]
     run = run.with_channels(**{MEASURED[SHAFT]: np.full(len(run), np.nan)})
     track, states, sigma = first_guess(run, kept.own), np.zeros((len(run), kept.size)), noise
+    if not np.isfinite(measured(run, channels)[:, LOG]).any():
+        over_ground = min(float(np.median(np.hypot(track[:, 0], track[:, 1]))), ship.speed)
+        track[:, 0] = np.maximum(track[:, 0], MIN_SURGE * over_ground)
     track[:, 1] = np.clip(track[:, 1], -MAX_SWAY * ship.speed, MAX_SWAY * ship.speed)
     inflation = np.ones(len(channels))
     start_sd = np.r_[ship.sized([2.0, 2.0, 0.01, 20.0, 20.0, 0.2], MOTION_POWERS), kept.own_start_sd(ship)]
