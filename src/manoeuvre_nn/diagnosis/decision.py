@@ -10,6 +10,7 @@ from jaxtyping import Float
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.search import (
     MIN_GAIN_OF_SINGLE,
+    MIN_GAIN_TO_RELINEARISE,
     SearchResult,
     worth_its_size,
 )
@@ -217,12 +218,13 @@ def decide(result: SearchResult) -> Decision:
 def _by_any_coefficient_prior(result: SearchResult) -> SearchResult:
     """The search with what named hypotheses gain beyond calm water where no prior of coefficients is preferred.
 
-    That of the runs was chosen for calm water, or for what leads: other priors are tens of log evidence behind it.
+    That of the runs was chosen for calm water, or for what leads by so much that it matters little.
 
     Returns:
         The search; hypotheses behind the first few keep their distance to calm water.
     """
-    if not result.fitted or result.fitted[0].evidence <= result.none.evidence:
+    ahead = max((j.evidence for j in result.fitted), default=-np.inf) - result.none.evidence
+    if not 0 < ahead <= MIN_GAIN_TO_RELINEARISE:
         return result
 
     def gain(j: FittedHypothesis) -> float:
