@@ -3,6 +3,7 @@
 import os
 import signal
 import threading
+import time
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
@@ -121,3 +122,16 @@ def test_no_columns_at_all_are_columns_too():
     white, base = stand.at(6).white[0], stand.runs[0].base
     nothing = white.embed(base[:0])
     assert nothing.dot(white.embed(base[:2])).shape == (0, 2) and nothing.dot(nothing).shape == (0, 0)
+
+
+def test_where_one_task_fails_nobody_waits_for_the_others(tmp_path):
+    """They would end in a second."""
+    done = tmp_path / "done"
+
+    def late():
+        time.sleep(1.0)
+        done.touch()
+
+    with pytest.raises(ZeroDivisionError):
+        list(shared_out([lambda: 1 / 0, late], 2))
+    assert not done.exists()

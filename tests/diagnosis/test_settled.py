@@ -118,3 +118,9 @@ def test_a_part_that_has_rested_is_fitted_about_the_states_of_a_pair_that_comes_
     # About common states it added nothing to 20; of 13, which its part reaches about its own states, it is 6.3 ahead.
     assert seen == [(("current",), []), (OTHER, []), (late, [OTHER])]
     assert {j.names: j.evidence for j in after}[OTHER] == 18.0
+
+
+def test_the_part_of_two_pairs_is_in_the_race_once():
+    first, second = ("current", "log_scale"), ("rudder_offset", "log_scale")
+    race = under_test._race(found(fitted(27.0, *first), fitted(26.0, *second), fitted(15.0, "log_scale"), none=-9.0))
+    assert [j.names for j in race] == [first, second, ("log_scale",)]
