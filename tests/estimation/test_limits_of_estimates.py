@@ -262,7 +262,8 @@ def test_a_term_that_a_published_set_lacks_may_do_six_tenths_of_what_the_rudder_
 
 
 def test_errors_of_coefficients_are_tried_from_any_arm_to_nearly_known_ones_and_missing_terms_over_a_factor_of_thirty():
-    coupling, missing = (sorted(set(column)) for column in zip(*prior_average.COEFFICIENT_PRIORS, strict=True))
+    coupling, missing, usual = (sorted(set(column)) for column in zip(*prior_average.COEFFICIENT_PRIORS, strict=True))
+    assert usual == [False]
     assert coupling == approx(np.linspace(0.0, 0.9, 4)) and len(prior_average.COEFFICIENT_PRIORS) == 16
     assert np.log10(missing) == approx([-1.0, -0.5, 0.0, 0.5], abs=0.03), "from sets that lack next to nothing"
 
