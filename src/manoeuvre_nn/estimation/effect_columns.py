@@ -88,13 +88,11 @@ def added_accelerations(
     effect: Effect,
     values: Float[np.ndarray, "k p"],
     linearised: LinearisedRun,
-    blade: Float[Tensor, "k n"] | None = None,
-    beside: Beside = ALONE,
+    beside: Beside,
 ) -> Float[Tensor, "k n 3"]:
     """What an effect without own states adds to udot, vdot [m/s^2] and rdot [rad/s^2]; see :func:`contribution`."""
     with torch.no_grad():
-        if blade is None:
-            (blade,) = blades(effect, [values], [linearised])
+        (blade,) = blades(effect, [values], [linearised])
         none = linearised.moving.new_zeros(len(values), len(linearised.moving), 0)
         return _added_rates(_acting(effect, values, linearised), none, linearised, blade, beside)[..., :3]
 
@@ -201,9 +199,7 @@ def beside_it(
         for k, (effect, value) in enumerate(zip(effects, values, strict=True)):
             if k != number and not effect.memory:
                 own = Beside(hulls_beside(effects, values, k))
-                beside = beside.with_more(
-                    added_accelerations(effect, effect.steady(value)[None], linearised, beside=own)
-                )
+                beside = beside.with_more(added_accelerations(effect, effect.steady(value)[None], linearised, own))
     return beside
 
 

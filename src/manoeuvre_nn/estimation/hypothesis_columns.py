@@ -114,7 +114,7 @@ def _driven(
         if other != number and feels_acceleration(effect, linearised):
             beside = beside_it(effects, values, other, linearised)
             own = Beside(hulls_beside(effects, values, number))
-            rows = added_accelerations(effects[number], table, linearised, beside=own)
+            rows = added_accelerations(effects[number], table, linearised, own)
             driven = beside.with_more(rows - rows[:1])
             c = contribution(effect, np.tile(value, (len(table), 1)), linearised, beside=driven)
             made.append(c - c[:1])
