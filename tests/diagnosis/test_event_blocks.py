@@ -34,12 +34,23 @@ def test_times_of_an_event_have_a_flat_prior_and_last_two_blocks(may_last):
     assert inside.tolist() == [0, 0, 1, 1, 1, 0, 0, 0, 0, 0]
 
 
-def test_what_builds_up_for_minutes_begins_and_goes_on():
+@pytest.mark.parametrize("ramp", [60.0, 180.0, 420.0])
+def test_what_builds_up_for_minutes_begins_and_goes_on(ramp):
     blocks = event_blocks.Blocks(EDGES, np.zeros((1, 10)), np.zeros((1, 10, 10)), (1.0, 1.0))
-    gates = blocks.intervals(True, 60.0)
+    gates = blocks.intervals(True, ramp)
     assert np.isinf(gates.times[:, 1]).all()
     (begun,) = gates.shares[gates.times[:, 0] == 50.0]
-    assert begun == approx(np.clip((EDGES[:-1] + 5.0 - 50.0) / 60.0 + 0.5, 0.0, 1.0))
+    assert begun == approx(np.clip((EDGES[:-1] + 5.0 - 50.0) / ramp + 0.5, 0.0, 1.0))
+
+
+@pytest.mark.parametrize("left_out, courses", [(0.0105, 2), (0.0095, 1)])
+def test_courses_of_forces_leave_out_less_than_a_hundredth_of_their_square(left_out, courses):
+    """Two of correlation c, unit size each, have mean squares 1 + c and 1 - c: (1 - c) / 2 of all is left out."""
+    c = 1 - 2 * left_out
+    moved = np.array([[1.0, c], [0.0, np.sqrt(1 - c**2)]])[:, None] * np.array([2.0, 3.0, 4.0])[:, None] / np.sqrt(3.0)
+    kept, shares = event_blocks._main_courses(moved, np.array([2.0, 3.0, 4.0]))
+    assert kept.shape == (2, 3, courses) and shares.shape == (2, courses)
+    assert np.abs(kept @ shares.T - moved).max() < (1e-9 if courses == 2 else 0.4)
 
 
 def test_the_likelihood_ratio_of_an_event_is_that_of_its_blocks_at_the_likeliest_size():

@@ -190,6 +190,7 @@ def test_simulated_runs_have_the_channels_of_the_recorded_ones_and_the_noise_of_
     assert np.isnan(measured(run)[:, LOG]).all() and np.isfinite(np.delete(measured(run), LOG, axis=1)).all()
     assert plan.prepared.noise == approx(recorded.noise * np.sqrt(recorded.linearised.run.step / run.step))
     (more,) = same_runs(deaf)
+    assert (plan.row, more.row, more.share) == (0, 0, 1.0), "the values of the first run, and the speed that it had"
     assert np.isfinite(measured(more.prepared.linearised.run)).all() and more.prepared.noise[LOG] == 0.05
 
 

@@ -12,6 +12,7 @@ from strangers import Stranger, asked, calm_only, strange_runs
 from tiers import mainly
 from trials import CALM, CIRCLE, SHIP, ZIGZAG, runs
 
+from manoeuvre_nn.diagnosis import right_ship
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP
 from manoeuvre_nn.diagnosis.right_ship import MIN_GAIN_OF_ANOTHER, _Accounts, right_ship_check
@@ -71,6 +72,21 @@ def test_the_two_best_of_each_account_are_looked_at_with_all_process_noise_and_c
     third = explaining("heading_bias", usual=30.0, other=-30.0)
     _Accounts(SearchResult(calm, [*named[:2], third], SimpleNamespace(data_set=DATA_SET)), None).completed()
     assert sorted(seen) == [(), ("current",), ("log_scale",)]
+
+
+@pytest.mark.parametrize("gain, completed, passed, asked", [
+    (6.9, 99.0, True, False), (7.1, 7.1, False, True), (7.1, 6.9, True, True),
+])  # fmt: skip
+def test_before_the_ship_is_called_in_question_accounts_are_completed(monkeypatch, gain, completed, passed, asked):
+    """A force without a rule has no evidence of its own here; what is told is what the completed accounts say."""
+    later = SimpleNamespace(gain=lambda least: completed if least == -5.0 else 99.0, size=0.6)
+    first = SimpleNamespace(gain=lambda: gain, completed=lambda: later, size=0.4)
+    monkeypatch.setattr(right_ship, "_Accounts", lambda tried, formula: first)
+    monkeypatch.setattr(right_ship, "random_force", lambda *_: SimpleNamespace(evidence=-9.0))
+    monkeypatch.setattr(right_ship, "receiver_wander", lambda *_: SimpleNamespace(evidence=-5.0))
+    check = right_ship_check(SimpleNamespace(likelihood=None, none=None), None)
+    assert check.passed is passed and ("60 %" in check.text) == (not passed)
+    assert check.text.endswith(f"{completed if asked else gain:+.0f}")
 
 
 def test_evidence_at_other_scales_of_the_prior_is_that_of_a_posterior_made_at_them():

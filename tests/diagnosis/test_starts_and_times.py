@@ -42,6 +42,22 @@ def wind(direction: float, evidence: float = 9.0) -> FittedHypothesis:
     return FittedHypothesis(h, evidence, np.zeros((1, 1)), np.eye(len(h.unknowns())))
 
 
+@pytest.mark.parametrize("lost, begun", [(0.95, 200.0), (1.05, 100.0)])
+def test_a_mean_that_is_less_likely_by_more_than_one_than_what_was_fitted_is_not_gone_on_from(monkeypatch, lost, begun):
+    """Fitted was 100 deg, the mean over all levels of noise is 200 deg; where the next fit begins."""
+    at, mean, started = wind(100.0).hypothesis, wind(200.0), list[float]()
+
+    def improve(h: Hypothesis, level: int, scatter: int, rounds: int = 2) -> tuple[Hypothesis, float]:
+        direction = float(h.values[0][0, 1])
+        started.append(direction)
+        return h, 0.0 if direction == 100.0 else -lost
+
+    there = SimpleNamespace(improve=improve, evaluate=lambda h, around: mean)
+    monkeypatch.setattr(fits, "beside", lambda likelihood, h: there)
+    fits.refine(there, at, 2, 2, placing=False)
+    assert started[-1] == begun
+
+
 @pytest.mark.parametrize("turned, rests", [(-45.0, 60.0), (45.0, 140.0), (180.0, 290.0)])
 @pytest.mark.parametrize("behind, counts", [(4.8, True), (5.2, False)])
 def test_a_wind_that_also_rests_an_eighth_of_a_turn_aside_or_opposite_counts_up_to_five_behind(
