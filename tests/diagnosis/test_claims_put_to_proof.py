@@ -113,7 +113,10 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(
     monkeypatch.setattr(proving.checking, "checks", lambda _, j: failed.get(j.names, []))
     monkeypatch.setattr(proving.checking, "may_be_nothing", lambda j, effect: False)
     monkeypatch.setattr(proving.checking, "more_is_left", lambda _, j: MORE in poor and j.names == claims[0].names)
-    asked, tried = Mock(workers=1, case=Mock(held_out=[1], fitted=[1])), SimpleNamespace(likelihood=Mock(), none=none)
+    asked, tried = (
+        Mock(workers=1, told={}, case=Mock(held_out=[1], fitted=[1])),
+        SimpleNamespace(likelihood=Mock(), none=none),
+    )
     return proving._proved(asked, tried, claims, Check(RIGHT_SHIP, RIGHT_SHIP not in poor, ""))
 
 
@@ -206,6 +209,31 @@ def test_where_fewer_effects_do_as_well_rivals_with_as_many_are_asked_and_then_t
     gains = {three: 30.0, rival: 20.0, two: 30.0}
     found, *_ = proved(monkeypatch, claims, gains, {}, surplus=names[:too_many])
     assert found.names == names[too_many]
+
+
+@pytest.mark.parametrize("faint", [False, True])
+def test_gusts_that_are_fainter_than_at_sea_are_none(monkeypatch, faint):
+    """A wrong load function looks like them in held-out runs as well, however much they gain there."""
+    gusty, steady = fit(150.0, "wind_gusty"), fit(130.0, "wind_steady")
+    gusty.random = {"gust_sd": (1.4, 0.2)}
+    monkeypatch.setattr(proving, "averaged_over_gusts", lambda known, j: j)
+    monkeypatch.setattr(proving, "_about_own_states", lambda data_set, j: (data_set, j))
+    monkeypatch.setattr(proving, "fainter_than_at_sea", lambda j: faint)
+    gains = {gusty.names: 40.0, steady.names: 30.0}
+    chosen, _, (check, *_) = proved(monkeypatch, [gusty, steady], gains, {})
+    assert chosen.names == (steady.names if faint else gusty.names)
+    assert check.passed is not faint and check.text.endswith("gusts at sea are larger") is faint
+
+
+def test_what_two_claims_have_in_common_is_put_to_held_out_runs_once(monkeypatch):
+    asked, part = [], fit(120.0, "current")
+    monkeypatch.setattr(proving, "at_rest", lambda data_set, j: asked.append(j) or (data_set, j))
+    monkeypatch.setattr(proving, "in_held_out_runs", lambda question, j, known: SimpleNamespace(evidence=2.0))
+    question, tried = SimpleNamespace(told={}), SimpleNamespace(likelihood=Mock())
+    for pair in (fit(130.0, "current", "log_scale"), fit(125.9, "current", "heading_bias")):
+        helps = proving._last_effect_helps(question, tried, pair, 2.0, [pair, part])
+        assert helps is (pair.evidence > 126.0)
+    assert asked == [part]
 
 
 @pytest.mark.parametrize("alone, corrected, after", [(1.0, 3.0, 1.0), (1.0, 2.05, 2.05), (3.5, 3.0, None)])

@@ -59,3 +59,9 @@ def test_where_runs_do_not_tell_gusts_stay_as_lasting_as_is_usual_and_their_size
     size, error = there.random["gust_sd"]
     assert told["gust_time_s"] == approx(30.0)
     assert size == approx(2.0 * np.sinh(0.75) / 0.75, rel=0.03) and error == approx(0.5 * size, rel=0.1)
+
+
+@pytest.mark.parametrize("size, error, faint", [(1.0, 0.09, True), (1.0, 0.11, False), (1.3, 0.01, False)])
+def test_gusts_are_faint_below_a_tenth_of_the_mean_wind_give_or_take_two_standard_errors(size, error, faint):
+    """Of 12 m/s: the open sea has .06 (1 + .043 U) = .091, 1.09 m/s, at all frequencies."""
+    assert gusts.fainter_than_at_sea(replace(found(), random={"gust_sd": (size, error)})) is faint

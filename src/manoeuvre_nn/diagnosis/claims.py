@@ -13,7 +13,7 @@ from manoeuvre_nn.diagnosis import checks as checking
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.decision import Decision, are_rivals, decide, is_simpler, likelier_than_calm_water
 from manoeuvre_nn.diagnosis.fits import at_rest, over_directions, refine
-from manoeuvre_nn.diagnosis.gusts import averaged_over_gusts, refined_with_gusts
+from manoeuvre_nn.diagnosis.gusts import averaged_over_gusts, fainter_than_at_sea, refined_with_gusts
 from manoeuvre_nn.diagnosis.predictive import REPAIRED_SAILS, calm_check, repaired_check
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs, prove
 from manoeuvre_nn.diagnosis.result import GAIN, Check, Proof
@@ -97,10 +97,16 @@ def _outweighed(question: Question, tried: SearchResult, best: FittedHypothesis)
 
 def _held_out_gain(question: Question, tried: SearchResult, claim: FittedHypothesis) -> float:
     """Log evidence that a claim adds to calm water's in the held-out runs."""
-    data_set = tried.likelihood.data_set
-    known, j = _about_own_states(data_set, claim)
-    calm = in_held_out_runs(question, tried.none, data_set).evidence
-    return in_held_out_runs(question, j, known).evidence - calm
+    calm = in_held_out_runs(question, tried.none, tried.likelihood.data_set).evidence
+    return _held_out_evidence(question, tried, claim) - calm
+
+
+def _held_out_evidence(question: Question, tried: SearchResult, claim: FittedHypothesis) -> float:
+    """Log evidence of the held-out runs under a claim about its own states; several claims ask for that of one part."""
+    if id(claim) not in question.told:
+        known, j = _about_own_states(tried.likelihood.data_set, claim)
+        question.told[id(claim)] = claim, in_held_out_runs(question, j, known).evidence
+    return question.told[id(claim)][1]
 
 
 def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypothesis], *before_it: Check) -> Proved:
@@ -218,8 +224,11 @@ def _put_to_proof(
     # Small errors of its state take free runs of a ship that is unstable on course far from any recording, whatever
     # the model: the likelihood of the recording does not suffer from that.
     likelier = tested and gain > sure and least == REFUTED
-    lasting = (foretold or likelier) and _last_effect_helps(question, tried, claim, there.evidence, claims)
+    faint = bool(j.random) and fainter_than_at_sea(j)
+    helps = (foretold or likelier) and not faint
+    lasting = helps and _last_effect_helps(question, tried, claim, there.evidence, claims)
     fewer = "; less than that does as well" if foretold and not lasting else ""
+    fewer = "; gusts at sea are larger" if faint else fewer
     text = (
         f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({unit_of_error(question)}), "
         f"and the log evidence of the held-out runs by {gain:+.0f}{fewer}"
@@ -271,8 +280,7 @@ def _last_effect_helps(
     """Whether effects say more in fitted and held-out runs together than the best claim with one less, or no gusts."""
     by_evidence = sorted(claims, key=lambda j: j.evidence)
     fewer = {len(j.names): j for j in by_evidence if is_simpler(j, claim)}  # the best of each size
-    rested = [(j.evidence, *_about_own_states(tried.likelihood.data_set, j)) for j in fewer.values()]
-    others = [evidence + in_held_out_runs(question, j, known).evidence for evidence, known, j in rested]
+    others = [j.evidence + _held_out_evidence(question, tried, j) for j in fewer.values()]
     return claim.evidence + held_out > max(others, default=-np.inf) + (MIN_GAIN_OF_SECOND if others else 0.0)
 
 
