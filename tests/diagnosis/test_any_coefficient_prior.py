@@ -152,7 +152,7 @@ def test_gusts_must_add_six_in_fitted_and_held_out_runs_to_the_steady_wind(monke
     monkeypatch.setattr(proving, "at_rest", lambda data_set, j: (data_set, j))
     monkeypatch.setattr(proving, "in_held_out_runs", lambda question, j, known: replace(j, evidence=steady_there))
     alone = [c for c in claims if len(c.names) == len(gusty.names)]
-    assert proving._last_effect_helps(SimpleNamespace(told={}), found(), gusty, 20.0, alone) is helps
+    assert proving._last_effect_helps(SimpleNamespace(held_out_evidence={}), found(), gusty, 20.0, alone) is helps
 
 
 def test_the_decision_is_made_on_what_all_priors_say(monkeypatch):

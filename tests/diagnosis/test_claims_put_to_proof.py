@@ -114,7 +114,7 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(
     monkeypatch.setattr(proving.checking, "may_be_nothing", lambda j, effect: False)
     monkeypatch.setattr(proving.checking, "more_is_left", lambda _, j: MORE in poor and j.names == claims[0].names)
     asked, tried = (
-        Mock(workers=1, told={}, case=Mock(held_out=[1], fitted=[1])),
+        Mock(workers=1, held_out_evidence={}, case=Mock(held_out=[1], fitted=[1])),
         SimpleNamespace(likelihood=Mock(), none=none),
     )
     return proving._proved(asked, tried, claims, Check(RIGHT_SHIP, RIGHT_SHIP not in poor, ""))
@@ -229,7 +229,7 @@ def test_what_two_claims_have_in_common_is_put_to_held_out_runs_once(monkeypatch
     asked, part = [], fit(120.0, "current")
     monkeypatch.setattr(proving, "at_rest", lambda data_set, j: asked.append(j) or (data_set, j))
     monkeypatch.setattr(proving, "in_held_out_runs", lambda question, j, known: SimpleNamespace(evidence=2.0))
-    question, tried = SimpleNamespace(told={}), SimpleNamespace(likelihood=Mock())
+    question, tried = SimpleNamespace(held_out_evidence={}), SimpleNamespace(likelihood=Mock())
     for pair in (fit(130.0, "current", "log_scale"), fit(125.9, "current", "heading_bias")):
         helps = proving._last_effect_helps(question, tried, pair, 2.0, [pair, part])
         assert helps is (pair.evidence > 126.0)

@@ -182,7 +182,7 @@ def test_the_last_of_several_effects_must_add_six_in_fitted_and_held_out_runs_to
     monkeypatch.setattr(diagnosing, "at_rest", lambda data_set, j: (data_set, j))
     monkeypatch.setattr(diagnosing, "in_held_out_runs", lambda question, j, known: there[j.names])
     claims = [three, *parts] if best_part else [three, parts[2]]
-    assert diagnosing._last_effect_helps(Mock(told={}), Mock(), three, 10.0, claims) is helps
+    assert diagnosing._last_effect_helps(Mock(held_out_evidence={}), Mock(), three, 10.0, claims) is helps
 
 
 @pytest.mark.parametrize("name, helps", [("rudder_offset", False), ("formula", True)])
@@ -192,7 +192,7 @@ def test_two_effects_must_add_six_to_another_one_alone_too(monkeypatch, name, he
     other = SimpleNamespace(names=(name,), evidence=19.0, hypothesis=SimpleNamespace(effects=()), random={})
     monkeypatch.setattr(diagnosing, "at_rest", lambda data_set, j: (data_set, j))
     monkeypatch.setattr(diagnosing, "in_held_out_runs", lambda question, j, known: fitted(5.0, "current"))
-    assert diagnosing._last_effect_helps(Mock(told={}), Mock(), two, 5.0, [two, part, other]) is helps
+    assert diagnosing._last_effect_helps(Mock(held_out_evidence={}), Mock(), two, 5.0, [two, part, other]) is helps
 
 
 @pytest.mark.parametrize("there, outweighed", [(-2.0, False), (-4.0, True)])
@@ -201,7 +201,7 @@ def test_calm_water_outweighs_what_held_out_runs_take_more_from_than_fitted_ones
     best, evidence = fitted(2.1, "current"), {(): 7.0, ("current",): 7.0 + there}
     monkeypatch.setattr(diagnosing, "at_rest", lambda data_set, j: (data_set, j))
     monkeypatch.setattr(diagnosing, "in_held_out_runs", lambda question, j, known: fitted(evidence[j.names], *j.names))
-    assert diagnosing._outweighed(Mock(told={}), found(best), best) is outweighed
+    assert diagnosing._outweighed(Mock(held_out_evidence={}), found(best), best) is outweighed
 
 
 @pytest.mark.parametrize("degrees, moved", [(1.0, False), (1.05, True)])

@@ -54,7 +54,9 @@ def test_calm_water_with_another_ships_coefficients_is_something_unknown(
     monkeypatch.setattr(proving, "right_ship_check", lambda *_: Check(RIGHT_SHIP, right_ship, ""))
     monkeypatch.setattr(proving, "calm_check", lambda *_: Check("calm water", sails, ""))
     monkeypatch.setattr(proving, "_proved", lambda q, tried, some, ship: (put.append(some), (none, [], []))[1])
-    verdict, (chosen, _, checks) = proving.decided(Mock(dynamics=CALM, told={}), SearchResult(none, [scale], Mock()))
+    verdict, (chosen, _, checks) = proving.decided(
+        Mock(dynamics=CALM, held_out_evidence={}), SearchResult(none, [scale], Mock())
+    )
     assert verdict.mismatch(chosen) is strange and [c.passed for c in checks] == [right_ship, sails]
     assert tuple(name for claim in put[-1] for name in claim.names) == claims
 
@@ -72,7 +74,9 @@ def test_a_name_that_held_out_runs_favour_but_fails_the_proof_leaves_the_unknown
     monkeypatch.setattr(proving, "in_held_out_runs", lambda q, j, known: Mock(evidence=there[tuple(j.names)]))
     told = [Check(REPAIRED_SAILS, sails, "")]
     monkeypatch.setattr(proving, "_proved", lambda q, tried, some, ship: (some[0] if proved else FORMULA, [], told))
-    verdict, (chosen, _, _) = proving.decided(Mock(dynamics=CALM, told={}), SearchResult(none, [scale], Mock()))
+    verdict, (chosen, _, _) = proving.decided(
+        Mock(dynamics=CALM, held_out_evidence={}), SearchResult(none, [scale], Mock())
+    )
     assert chosen is (scale if proved and sails else FORMULA) and verdict.unknown == approx(unknown, abs=0.005)
 
 
@@ -102,7 +106,9 @@ def test_a_name_that_is_not_proved_is_left_open_unless_all_runs_together_make_ca
     monkeypatch.setattr(proving, "_proved", lambda q, tried, some, ship: (none, [], []))
     monkeypatch.setattr(proving, "at_rest", lambda data_set, j: (data_set, j))
     monkeypatch.setattr(proving, "in_held_out_runs", lambda q, j, known: Mock(evidence=there if j.names else 0.0))
-    verdict, (chosen, _, _) = proving.decided(Mock(dynamics=CALM, told={}), SearchResult(none, [scale], Mock()))
+    verdict, (chosen, _, _) = proving.decided(
+        Mock(dynamics=CALM, held_out_evidence={}), SearchResult(none, [scale], Mock())
+    )
     assert chosen is none and verdict.named is named and (verdict.effects["log_scale"] < 0.5) is not named
 
 
@@ -129,6 +135,8 @@ def test_something_unknown_that_rests_on_a_formula_falls_with_it(monkeypatch, wi
     monkeypatch.setattr(
         proving, "_proved", lambda q, tried, some, ship: (scale if list(some) == [scale] else none, [], [])
     )
-    verdict, (chosen, *_) = proving.decided(Mock(dynamics=CALM, told={}), SearchResult(none, [scale], Mock()))
+    verdict, (chosen, *_) = proving.decided(
+        Mock(dynamics=CALM, held_out_evidence={}), SearchResult(none, [scale], Mock())
+    )
     assert chosen is (scale if name else none) and verdict.mismatch(chosen) is (strange or name)
     assert verdict.unknown == approx(0.8 if strange else 0.8 * np.exp(-5.0) / (0.2 + 0.8 * np.exp(-5.0)))

@@ -115,7 +115,9 @@ class Question:
         default_factory=dict, init=False, repr=False, compare=False
     )
     """By its id a hypothesis, the held-out runs about it, it fitted to them, and at its values (:mod:`.proof`)."""
-    told: dict[int, tuple[FittedHypothesis, float]] = field(default_factory=dict, init=False, repr=False, compare=False)
+    held_out_evidence: dict[int, tuple[FittedHypothesis, float]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
     """By its id a claim, and the log evidence of the held-out runs under it (:mod:`.claims`)."""
 
     @cached_property

@@ -103,10 +103,10 @@ def _held_out_gain(question: Question, tried: SearchResult, claim: FittedHypothe
 
 def _held_out_evidence(question: Question, tried: SearchResult, claim: FittedHypothesis) -> float:
     """Log evidence of the held-out runs under a claim about its own states; several claims ask for that of one part."""
-    if id(claim) not in question.told:
+    if id(claim) not in question.held_out_evidence:
         known, j = _about_own_states(tried.likelihood.data_set, claim)
-        question.told[id(claim)] = claim, in_held_out_runs(question, j, known).evidence
-    return question.told[id(claim)][1]
+        question.held_out_evidence[id(claim)] = claim, in_held_out_runs(question, j, known).evidence
+    return question.held_out_evidence[id(claim)][1]
 
 
 def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypothesis], *before_it: Check) -> Proved:
@@ -225,13 +225,13 @@ def _put_to_proof(
     # the model: the likelihood of the recording does not suffer from that.
     likelier = tested and gain > sure and least == REFUTED
     faint = bool(j.random) and fainter_than_at_sea(j)
-    helps = (foretold or likelier) and not faint
-    lasting = helps and _last_effect_helps(question, tried, claim, there.evidence, claims)
-    fewer = "; less than that does as well" if foretold and not lasting else ""
-    fewer = "; gusts at sea are larger" if faint else fewer
+    promising = (foretold or likelier) and not faint
+    lasting = promising and _last_effect_helps(question, tried, claim, there.evidence, claims)
+    why = "; gusts at sea are larger" if faint else "; less than that does as well"
+    why = why if foretold and not lasting else ""
     text = (
         f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({unit_of_error(question)}), "
-        f"and the log evidence of the held-out runs by {gain:+.0f}{fewer}"
+        f"and the log evidence of the held-out runs by {gain:+.0f}{why}"
     )
     untested = f"{labels(j)} did not act in a held-out run" if made else "no held-out run"
     check = Check(GAIN, foretold and lasting, text if tested else f"{untested}: not proved")

@@ -170,8 +170,7 @@ def fainter_than_at_sea(fitted: FittedHypothesis) -> bool:
     h = fitted.hypothesis
     wind, _ = _gusts_of(h)
     size, error = fitted.random[h.effects[wind].random[0]]
-    mean = float(h.values[wind][0, [p.name for p in h.effects[wind].declared].index("speed")])
-    return size + 2 * error < AT_SEA[0].size * mean
+    return size + 2 * error < AT_SEA[0].size * _mean_speed(h, wind)
 
 
 def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int) -> float:
@@ -199,9 +198,8 @@ def _tried(
     likelihood: MarginalLikelihood, hypothesis: Hypothesis, wind: int, kinds: Sequence[_Gusts], levels: Sequence[int]
 ) -> list[tuple[FittedHypothesis, _Gusts]]:
     """The hypothesis with gusts of every kind, their sizes in m/s."""
-    declared = [p.name for p in hypothesis.effects[wind].declared]
     least = float(likelihood.data_set.dynamics.particulars.sized([1.0], [0.5])[0])
-    mean = max(float(hypothesis.values[wind][0, declared.index("speed")]), least)
+    mean = max(_mean_speed(hypothesis, wind), least)
     sizes = [replace(kind, size=kind.size * mean) for kind in kinds]
     return list(zip(_at_kinds(likelihood, hypothesis, wind, sizes, levels), sizes, strict=True))
 
@@ -231,6 +229,12 @@ def _gusts_of(hypothesis: Hypothesis) -> tuple[int, _Gusts]:
     wind = next(k for k, e in enumerate(hypothesis.effects) if e.random)
     effect, names = hypothesis.effects[wind], [p.name for p in hypothesis.effects[wind].declared]
     return wind, _Gusts(*(float(hypothesis.values[wind][0, names.index(name)]) for name in effect.random))
+
+
+def _mean_speed(hypothesis: Hypothesis, wind: int) -> float:
+    """Speed of a wind among a hypothesis' effects without its gusts [m/s]."""
+    names = [p.name for p in hypothesis.effects[wind].declared]
+    return float(hypothesis.values[wind][0, names.index("speed")])
 
 
 def _without_course(
