@@ -50,16 +50,23 @@ def test_the_gain_is_the_mean_over_runs_that_were_made_with_each_prior(own, spee
     data_set = WhitenedDataSet(CALM, whole, own)
     h = hypothesis(SteadyWind(SHIP, speed=speed, from_deg=80.0)) if speed else Hypothesis((), ())
 
-    def evidence(prior: CoefficientPrior) -> float:
+    beside = data_set.levels.beside(LEVEL)
+
+    def evidence(prior: CoefficientPrior, levels=beside, of: float | None = PROCESS_PRIOR) -> float:
         likelihood = MarginalLikelihood(WhitenedDataSet(CALM, whole, prior))
         columns = likelihood.columns(h) if speed else None
-        levels, of_levels = data_set.levels.beside(LEVEL), log_prior_levels(data_set, PROCESS_PRIOR)
+        of_levels = log_prior_levels(data_set, of)
         return float(logsumexp([likelihood.posterior(columns, g).evidence + of_levels[g] for g in levels]))
 
     at = replace(MarginalLikelihood(data_set).evaluate(h, around=LEVEL), hypothesis=h, best=(LEVEL, 2))
     each = [evidence(prior) for prior in COEFFICIENT_PRIORS]
     assert max(each) - min(each) > 0.5, "or any mean would do"
     assert gain_by_coefficient_priors(data_set, at) == approx(logsumexp(each) - np.log(16) - evidence(own), abs=0.05)
+    few, alone = [LEVEL, LEVEL + 1, LEVEL + 9], [evidence(p, [LEVEL], None) for p in (*COEFFICIENT_PRIORS, own)]
+    each = [evidence(prior, few, None) for prior in COEFFICIENT_PRIORS]
+    gained = logsumexp(each) - np.log(16) - evidence(own, few, None)
+    assert gain_by_coefficient_priors(data_set, at, few, None) == approx(gained, abs=0.05)
+    assert abs(gained - (logsumexp(alone[:-1]) - np.log(16) - alone[-1])) > 0.1, "or any levels would do"
 
 
 def test_values_and_errors_hold_for_all_priors_by_the_law_of_total_variance():
@@ -88,34 +95,40 @@ def test_values_and_errors_hold_for_all_priors_by_the_law_of_total_variance():
 def weighed(monkeypatch):
     """Log evidence after the search has been weighed with all priors, of which hypotheses gain so much."""
 
-    def run(gains: dict, *hypotheses):
+    def run(gains: dict, *hypotheses, formula=None):
         monkeypatch.setattr(decision, "beside", lambda likelihood, h: likelihood)
         monkeypatch.setattr(decision, "gain_by_coefficient_priors", lambda data_set, j: gains.get(j.names, 0.0))
-        result = decision._by_any_coefficient_prior(found(*hypotheses, none=-3.0))
-        assert result.none.evidence == -3.0
-        return [("+".join(j.names), round(j.evidence, 6)) for j in result.fitted]
+        result, rule, calm = decision._by_any_coefficient_prior(found(*hypotheses, none=-3.0), formula)
+        assert result.none.evidence == -3.0 and calm in (None, gains.get((), 0.0))
+        every = [*result.fitted, *([] if rule is None else [rule])]
+        return [("+".join(j.names), round(j.evidence, 6)) for j in every]
 
     return run
 
 
-def test_a_name_gains_what_it_gains_beyond_calm_water(weighed):
+def test_a_name_and_a_formula_gain_what_they_gain_beyond_calm_water(weighed):
     some = by_hand(9.0, "current"), by_hand(3.5, "rudder_offset"), by_hand(2.0, "current", "rudder_offset")
     gains = {(): -2.5, ("current",): -2.0, ("rudder_offset",): 1.0, ("current", "rudder_offset"): -2.6}
-    assert weighed(gains, *some) == [("current", 9.5), ("rudder_offset", 7.0), ("current+rudder_offset", 1.9)]
+    named = [("current", 9.5), ("rudder_offset", 7.0), ("current+rudder_offset", 1.9)]
+    assert weighed(gains, *some) == named
+    rule = by_hand(1.0, "heading_bias")
+    assert weighed(gains | {rule.names: 0.75}, *some, formula=rule) == [*named, ("heading_bias", 4.25)]
 
 
-@pytest.mark.parametrize("evidence, gained", [(-3.1, 0.0), (-2.9, 1.0), (8.9, 1.0), (9.1, 0.0)])
-def test_where_a_name_leads_clearly_or_none_does_nothing_is_weighed_again(weighed, evidence, gained):
-    """Calm water has -3; from 12 more on runs are linearised about what leads, and have its prior."""
-    assert weighed({("current",): 1.0}, by_hand(evidence, "current")) == [("current", approx(evidence + gained))]
+@pytest.mark.parametrize("evidence, gained", [(-3.1, 0.0), (-2.9, 1.0), (900.0, 1.0)])
+def test_where_calm_water_is_likeliest_nothing_is_weighed_again(weighed, evidence, gained):
+    """Calm water has -3. Where a name leads, by however much, the prior of the runs may not be its own."""
+    rule = by_hand(-5.0, "heading_bias")
+    there = weighed({("current",): 1.0, rule.names: 2.0}, by_hand(evidence, "current"), formula=rule)
+    assert there == [("current", approx(evidence + gained)), ("heading_bias", -5.0 + 2 * gained)]
 
 
-def test_what_is_behind_the_first_few_keeps_its_distance_to_calm_water(weighed):
+def test_what_is_behind_the_first_few_gains_the_least_of_these(weighed):
     names = ["current", "rudder_offset", "heading_bias", "log_scale"]
     every = [*combinations(names, 1), *combinations(names, 2)]
     some = [by_hand(5.0 - k, *one) for k, one in enumerate(every)]
-    found = [evidence for _, evidence in weighed({one: 0.25 for one in every}, *some)]
-    assert found == [5.25 - k for k in range(MAX_SETTLED)] + [5.0 - MAX_SETTLED]
+    found = [evidence for _, evidence in weighed({one: 0.25 for one in every} | {every[2]: -0.5}, *some)]
+    assert found == [5.25, 4.25, 2.5] + [5.25 - k for k in range(3, MAX_SETTLED)] + [4.5 - MAX_SETTLED]
     assert weighed({}) == []
 
 
@@ -129,6 +142,8 @@ def test_a_gusty_wind_gains_what_the_steady_one_does(weighed):
     gains = {("wind_steady",): 1.5, ("wind_gusty",): 50.0}
     assert weighed(gains, gusty, steady) == [("wind_gusty", 9.5), ("wind_steady", 5.5)]
     assert weighed(gains, gusty) == [("wind_gusty", 8.0)]
+    drift = by_hand(7.0, "current")
+    assert weighed(gains | {("current",): 0.5}, gusty, drift) == [("wind_gusty", 8.5), ("current", 7.5)], "the least"
 
 
 GUSTS = GustyWind(SHIP, speed=9.0), SteadyWind(SHIP, speed=9.0)
@@ -156,11 +171,16 @@ def test_gusts_must_add_six_in_fitted_and_held_out_runs_to_the_steady_wind(monke
 
 
 def test_the_decision_is_made_on_what_all_priors_say(monkeypatch):
-    order = []
-    monkeypatch.setattr(decision, "_by_any_coefficient_prior", lambda result: order.append(result) or 1 / 0)
-    with pytest.raises(ZeroDivisionError):
-        decide(found())
-    assert len(order) == 1
+    order, rule = [], by_hand(1.0, "heading_bias")
+    monkeypatch.setattr(decision, "beside", lambda likelihood, h: likelihood)
+    monkeypatch.setattr(decision, "short_formula", lambda likelihood, none: rule)
+    monkeypatch.setattr(decision, "_by_any_coefficient_prior", lambda *both: order.append(both) or (*both, -0.75))
+    monkeypatch.setattr(decision, "unknown_evidence", lambda there, none, f, calm: order.append((f, calm)) or 20.0)
+    monkeypatch.setattr(decision, "_by_usual_receiver", lambda *_: (0.0, False))
+    result = found(levels=[(0.001, 0.0)])
+    result.likelihood.data_set.dynamics = CALM  # type: ignore[assignment]
+    decide(result)
+    assert order == [(result, rule), (rule, -0.75), (None, -0.75)]
 
 
 def test_held_out_runs_are_weighed_with_all_priors_too(monkeypatch):

@@ -120,7 +120,7 @@ def test_a_formula_pays_for_its_choice_and_twelve_if_a_calm_water_model_could_ha
     assert found.evidence == approx(50.0 - choice - 12.0 * ordinary, abs=1.0 if ordinary else 1e-9)
 
 
-def test_something_unknown_is_averaged_over_noise_near_calm_waters_and_its_formula_is_half_of_it():
+def test_something_unknown_is_averaged_over_noise_near_calm_waters_and_its_formula_is_half_of_it(monkeypatch):
     """Equal evidence at every level of the grid: eleven levels near, of those that there are."""
     data_set = SimpleNamespace(
         levels=PROCESS_LEVELS, runs=instruments(1.0).runs, dynamics=CALM, coefficient_prior=CoefficientPrior()
@@ -137,6 +137,13 @@ def test_something_unknown_is_averaged_over_noise_near_calm_waters_and_its_formu
     assert unknown.unknown_evidence(there, corner, None) < rare, "coefficients are as seldom exact as in calm water"
     with_rule = unknown.unknown_evidence(likelihood, inside, fitted(9.0))
     assert with_rule == approx(np.log(np.exp(7.0) * 11 / len(PROCESS_LEVELS) + np.exp(9.0)) - np.log(2))
+    # By any prior of coefficients it gains what it gains beyond calm water; the formula's evidence is weighed already.
+    asked = []
+    monkeypatch.setattr(unknown, "gain_by_coefficient_priors", lambda data_set, *how: asked.append(how) or -0.5)
+    weighed = unknown.unknown_evidence(likelihood, corner, fitted(9.0), calm=-2.0)
+    assert weighed == approx(np.log(np.exp(8.5) * 6 / len(PROCESS_LEVELS) + np.exp(9.0)) - np.log(2))
+    ((about, levels, process_prior),) = asked
+    assert about is corner and len(levels) == 6 and process_prior is None
 
 
 @pytest.mark.parametrize("gain, axes", [(2.8, (2,)), (3.2, (2, 0))])

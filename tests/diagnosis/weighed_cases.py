@@ -129,7 +129,7 @@ def decision_of(case: dict) -> Decision:
         patch.object(decision, "beside", lambda likelihood, hypothesis: likelihood),
         patch.object(decision, "gain_by_coefficient_priors", lambda data_set, j: 0.0),
         patch.object(decision, "short_formula", lambda there, none: rule),
-        patch.object(decision, "unknown_evidence", lambda there, none, formula: case["unknown"]),
+        patch.object(decision, "unknown_evidence", lambda there, none, formula, calm: case["unknown"]),
         patch.object(decision, "receiver_wander", lambda there, none: ReceiverWander(0.0, 1.0, -np.inf)),
     ):
         return decision.decide(result)

@@ -8,12 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.formula import short_formula
-from manoeuvre_nn.diagnosis.search import (
-    MIN_GAIN_OF_SINGLE,
-    MIN_GAIN_TO_RELINEARISE,
-    SearchResult,
-    worth_its_size,
-)
+from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SINGLE, SearchResult, worth_its_size
 from manoeuvre_nn.diagnosis.unknown import receiver_wander, unknown_evidence
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
@@ -172,13 +167,12 @@ class Decision:
 
 def decide(result: SearchResult) -> Decision:
     """Weigh all hypotheses, and say what may be claimed."""
-    result = _by_any_coefficient_prior(result)
-    none, data_set = result.none.evidence, result.likelihood.data_set
     there = beside(result.likelihood, result.none.hypothesis)
-    formula = short_formula(there, result.none)
+    result, formula, calm = _by_any_coefficient_prior(result, short_formula(there, result.none))
+    none, data_set = result.none.evidence, result.likelihood.data_set
     # A fitted model has errors that a formula takes up: to be claimed it must hold on other runs first.
     trained = is_fitted(data_set.dynamics)
-    any_force = unmodelled = unknown_evidence(there, result.none, None if trained else formula)
+    any_force = unmodelled = unknown_evidence(there, result.none, None if trained else formula, calm)
     worthy, names = plausible(result), effects_tried(result)
     log_weight = _log_weights(none, unmodelled, worthy, len(names))
     best = worthy[int(log_weight[2:].argmax())] if worthy else None
@@ -193,7 +187,7 @@ def decide(result: SearchResult) -> Decision:
     named = best is not None and likelier_than_calm_water(result, best)
     strange = unmodelled - none > MIN_GAIN_OF_UNKNOWN or bool(trained and lacked > MAX_PROCESS_OF_FITTED_MODEL)
     ruled = strange and formula is not None and not trained
-    rule = any_force - unknown_evidence(there, result.none, None) if ruled else -np.inf
+    rule = any_force - unknown_evidence(there, result.none, None, calm) if ruled else -np.inf
     least = 0.0 if named or strange else MIN_CALM
     most = 1 - MIN_CALM if strange else 1.0
     if not least <= shares[0] <= most:
@@ -215,17 +209,19 @@ def decide(result: SearchResult) -> Decision:
     )
 
 
-def _by_any_coefficient_prior(result: SearchResult) -> SearchResult:
-    """The search with what named hypotheses gain beyond calm water where no prior of coefficients is preferred.
+def _by_any_coefficient_prior(
+    result: SearchResult, formula: FittedHypothesis | None
+) -> tuple[SearchResult, FittedHypothesis | None, float | None]:
+    """The search with what all hypotheses gain beyond calm water where no prior of coefficients is preferred.
 
-    That of the runs was chosen for calm water, or for what leads by so much that it matters little.
+    That of the runs was chosen for calm water, or for what led by much when the search was half done.
 
     Returns:
-        The search; hypotheses behind the first few keep their distance to calm water.
+        The search, what lies behind the first few gaining the least of these; the formula; and what calm water gains,
+        which keeps its evidence. As they were, and None, where calm water is likeliest.
     """
-    ahead = max((j.evidence for j in result.fitted), default=-np.inf) - result.none.evidence
-    if not 0 < ahead <= MIN_GAIN_TO_RELINEARISE:
-        return result
+    if max((j.evidence for j in result.fitted), default=-np.inf) <= result.none.evidence:
+        return result, formula, None
 
     def gain(j: FittedHypothesis) -> float:
         return gain_by_coefficient_priors(beside(result.likelihood, j.hypothesis).data_set, j)
@@ -236,8 +232,12 @@ def _by_any_coefficient_prior(result: SearchResult) -> SearchResult:
     ways = [_without_gusts(j) for j in near]
     calm = gain(result.none)
     more = {way: gain(by_names[way]) - calm for way in set(ways) if way in by_names}
-    weighed = [replace(j, evidence=j.evidence + more.get(way, 0.0)) for j, way in zip(near, ways, strict=True)]
-    return replace(result, fitted=sorted([*weighed, *rest], key=lambda j: -j.evidence))
+    least = min(more.values(), default=0.0)
+    weighed = [replace(j, evidence=j.evidence + more.get(way, least)) for j, way in zip(near, ways, strict=True)]
+    weighed += [replace(j, evidence=j.evidence + least) for j in rest]
+    if formula is not None:
+        formula = replace(formula, evidence=formula.evidence + gain(formula) - calm)
+    return replace(result, fitted=sorted(weighed, key=lambda j: -j.evidence)), formula, calm
 
 
 def _by_usual_receiver(result: SearchResult, best: FittedHypothesis | None, unmodelled: float) -> tuple[float, bool]:

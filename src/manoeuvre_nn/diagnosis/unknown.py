@@ -24,6 +24,7 @@ from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun,
 from manoeuvre_nn.estimation.linearised_run import integrated
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, MarginalLikelihood, log_prior_levels
 from manoeuvre_nn.estimation.prepared_run import PreparedRun, process_time, start_spread
+from manoeuvre_nn.estimation.prior_average import gain_by_coefficient_priors
 from manoeuvre_nn.estimation.process_noise import by_equation, markov_course, without_course
 
 COLOURED = 4.0
@@ -220,13 +221,27 @@ def _wander(
     return base.dot(base), own.dot(own), own.dot(base)
 
 
-def unknown_evidence(likelihood: MarginalLikelihood, none: FittedHypothesis, formula: FittedHypothesis | None) -> float:
-    """Log evidence of something unknown, summed over levels near those of calm water and over what is loose."""
+def unknown_evidence(
+    likelihood: MarginalLikelihood, none: FittedHypothesis, formula: FittedHypothesis | None, calm: float | None = None
+) -> float:
+    """Log evidence of something unknown, summed over levels near those of calm water and over what is loose.
+
+    Args:
+        likelihood: Of the runs about the states of calm water.
+        none: Calm water.
+        formula: A short formula for the unknown, if there is one, its evidence as it is to be weighed.
+        calm: What calm water gains where no prior of coefficients is preferred
+            (:func:`.gain_by_coefficient_priors`), if all else is weighed by what it gains beyond that.
+
+    Returns:
+        The log evidence; half of it stands on the formula if there is one.
+    """
     data_set = likelihood.data_set
     grid, (row, column) = data_set.levels, data_set.levels.at(none.best[0])
     near = sorted({*grid.around(none.best[0]), grid.point(row + 2, column), grid.point(row, column + 2)})
     loose = np.stack([likelihood.posterior(None, g).evidence for g in near])
-    found = [logsumexp(loose + log_prior_levels(data_set, None)[near])]
+    more = 0.0 if calm is None else gain_by_coefficient_priors(data_set, none, near, None) - calm
+    found = [logsumexp(loose + log_prior_levels(data_set, None)[near]) + more]
     if formula is not None:
         found.append(formula.evidence)
     return float(logsumexp(np.array(found) - np.log(2))) + _strange_sensors(data_set)

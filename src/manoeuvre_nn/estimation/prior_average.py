@@ -48,7 +48,12 @@ def with_likely_coefficient_prior(data_set: WhitenedDataSet, fitted: FittedHypot
             return WhitenedDataSet(data_set.dynamics, found.whole, prior)
 
 
-def gain_by_coefficient_priors(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> float:
+def gain_by_coefficient_priors(
+    data_set: WhitenedDataSet,
+    fitted: FittedHypothesis,
+    levels: Sequence[int] = (),
+    process_prior: float | None = PROCESS_PRIOR,
+) -> float:
     """What a fitted hypothesis gains where any prior of coefficients is as likely as the one that the runs have.
 
     ``log mean_p exp(E_p - E)``, E_p its log evidence with each of :data:`COEFFICIENT_PRIORS`, E with that of the runs:
@@ -57,12 +62,14 @@ def gain_by_coefficient_priors(data_set: WhitenedDataSet, fitted: FittedHypothes
     Args:
         data_set: The runs.
         fitted: At its values and noise levels; latencies and its own numbers are free.
+        levels: Of the process noise, which is summed out over them; without any those next to its best one.
+        process_prior: Of the noise; None: every level is as likely (:func:`.log_prior_levels`).
 
     Returns:
-        The gain in log evidence, at least minus the logarithm of their number where the runs have one of them; process
-        noise is summed out next to its best level.
+        The gain in log evidence, at least minus the logarithm of their number where the runs have one of them.
     """
-    found = _ByPrior(data_set, fitted.hypothesis, data_set.levels.beside(fitted.best[0]))
+    near = levels or data_set.levels.beside(fitted.best[0])
+    found = _ByPrior(data_set, fitted.hypothesis, near, process_prior)
     each = [found.evidence(kind) for kind in COEFFICIENT_PRIORS]
     return float(logsumexp(each) - np.log(len(each)) - found.evidence(data_set.coefficient_prior))
 
@@ -112,7 +119,13 @@ class _ByPrior:
         of_levels: Log prior of the coefficients' standard deviation at every level of the process noise asked for.
     """
 
-    def __init__(self, data_set: WhitenedDataSet, hypothesis: Hypothesis, levels: Sequence[int]) -> None:
+    def __init__(
+        self,
+        data_set: WhitenedDataSet,
+        hypothesis: Hypothesis,
+        levels: Sequence[int],
+        process_prior: float | None = PROCESS_PRIOR,
+    ) -> None:
         """Take the runs, a hypothesis at its values, and levels of the process noise."""
         self.names = Corrections(data_set.dynamics).names
         self.whole = [replace(p, base=base_columns(data_set.dynamics, p.linearised)) for p in data_set.runs]
@@ -135,7 +148,7 @@ class _ByPrior:
         self._data = np.r_[1.0, -1.0, np.zeros(size - 1), -to_prior_means(hypothesis)]
         self._at = [(gram_at(level)[np.ix_(keep, keep)], data_set.at(level).norm) for level in levels]
         self._prior = np.r_[np.ones(k), np.full(count, LATENCY_SD), hypothesis.prior_sds(durations)]
-        self.of_levels = log_prior_levels(data_set, PROCESS_PRIOR)[list(levels)]
+        self.of_levels = log_prior_levels(data_set, process_prior)[list(levels)]
 
     def root(self, kind: CoefficientPrior) -> Float[np.ndarray, "m m"]:
         """All unknowns from what is independent before the runs are seen."""
