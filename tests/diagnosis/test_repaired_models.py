@@ -130,6 +130,18 @@ def test_the_state_at_the_end_of_the_warm_up_is_better_than_the_samples():
     assert (rms < [0.4 * NOISE[6], NOISE[3], 0.4 * NOISE[5], 0.5 * NOISE[0], 0.6 * NOISE[1], 0.5 * NOISE[4]]).all()
 
 
+def test_the_heel_at_the_end_of_the_warm_up_is_that_of_the_rudder_and_not_of_its_late_record():
+    """A rudder ordered 10 s before; the record of it is 8 s late, as told by the same ship with a prompt one."""
+    stages = ((0.0, 30.5), (20.0, None))
+    trial = Manoeuvre("early", "random_rudder", tuple(Stage(a * DEGREE, hold=t) for a, t in stages), duration=60.0)
+    roll, late = RollCoupling(SHIP, N_phi=0.02), RudderDelay(SHIP, delay_s=8.0)
+    told, prompt = (run_of(sailed([trial], e)[0]).between(0.0, 40.0) for e in ([roll, late], [roll]))
+    assert np.abs(told["delta"] - prompt["delta"]).max() > 10 * DEGREE
+    found, expected = start_state(CALM, acting([roll, late]), told), start_state(CALM, acting([roll]), prompt)
+    assert len(found) == 8 and np.abs(expected[6:]).min() > 1e-3
+    assert found[6:] == approx(expected[6:], rel=0.05), "heel and its rate"
+
+
 def frame(**columns) -> pd.DataFrame:
     zero = np.zeros(50)
     return pd.DataFrame({k: zero + columns.get(k, 0.0) for k in ("x", "y", "psi", "u", "v", "r", "u_log")})

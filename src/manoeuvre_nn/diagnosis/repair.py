@@ -251,7 +251,7 @@ def start_state_and_covariance(
         left = all_of_them.combined(np.array([1.0, -latency, *[-1.0] * len(added)]))
         solved = integrated(linearised, rate.states.first_noise, noise, time, spread)
         track = track + solved.states(solved.embed(left))[:, : rate.states.count, 0]
-    linearised = linearise(run, rate, track)
+    linearised = behind_record(linearise(run, rate, track), effects, here)
     covariance = solved.covariances[0][-1][: rate.states.count, : rate.states.count]
     return np.concatenate([track[-1], *(_memory_at_end(hypothesis, linearised))]), covariance
 

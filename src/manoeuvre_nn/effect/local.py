@@ -1,6 +1,7 @@
 """Forces by tugs, thrusters and banks that act for a while."""
 
 from abc import abstractmethod
+from dataclasses import replace
 
 import torch
 from jaxtyping import Float
@@ -55,7 +56,8 @@ class SideForce(_LateralForce):
 class BowThruster(_LateralForce):
     """A bow thruster that is left running, positive to starboard, .4 L forward of midship give or take .03 L.
 
-    The form parameter lever is where it acts, over the length: its tunnel is as far forward as the hull has room.
+    The form parameter lever is where it acts, over the length: its tunnel is as far forward as the hull has room. No
+    ship has more than some 3 MN: the largest of passengers have four of 5500 kW, and 746 kW give ten tonnes.
     """
 
     name = "bow_thruster"
@@ -64,9 +66,14 @@ class BowThruster(_LateralForce):
     fingerprint = "Sway and yaw are pushed to the same side in one interval, as by a force at the bow."
     source = (
         "Constant force, built up over a ramp; loss by forward speed is not modelled; as far forward as possible: "
-        "Wartsila, Encyclopedia of Marine and Energy Technology, bow thruster"
+        "Wartsila, Encyclopedia of Marine and Energy Technology, bow thruster; largest: Oasis of the Seas (Maritime "
+        "Executive); thrust of a power: Ship Handling Pro, Thrusters"
     )
-    declared = (FORCE, *TIMES, Parameter("lever", "-", 0.25, 0.5, 0.4, 0.03, (0.4,), form=True))
+    declared = (
+        replace(FORCE, low=-3000.0, high=3000.0),
+        *TIMES,
+        Parameter("lever", "-", 0.25, 0.5, 0.4, 0.03, (0.4,), form=True),
+    )
 
     def _lever(self) -> Tensor:
         """Where it acts, forward of midship [m]."""

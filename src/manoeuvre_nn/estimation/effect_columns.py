@@ -189,7 +189,7 @@ def beside_it(
         effects: All effects, as they act.
         values: Their values.
         number: Which of them.
-        linearised: The run about its track.
+        linearised: The run about its track, behind a late record of the rudder (:func:`.behind_record`).
 
     Returns:
         They at their values.
@@ -197,7 +197,8 @@ def beside_it(
     beside = Beside(hulls_beside(effects, values, number))
     if feels_acceleration(effects[number], linearised):
         for k, (effect, value) in enumerate(zip(effects, values, strict=True)):
-            if k != number and not effect.memory:
+            # Accelerations in calm water are those at the rudder behind its record already.
+            if k != number and not (effect.memory or undoes_a_record(effect)):
                 own = Beside(hulls_beside(effects, values, k))
                 beside = beside.with_more(added_accelerations(effect, effect.steady(value)[None], linearised, own))
     return beside
