@@ -123,7 +123,7 @@ def strange_runs(
 
 def asked(runs: Sequence[Recording], effects: Sequence[Effect] = ()) -> Question:
     """A question whose last run is held out."""
-    case = Case("strange", "mariner", tuple(runs), SHIP, frozenset({runs[-1].name}))
+    case = Case("strange", "mariner", tuple(runs), SHIP, 40.0, frozenset({runs[-1].name}))
     return Question(case, CALM, list(effects))
 
 

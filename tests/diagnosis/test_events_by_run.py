@@ -226,7 +226,7 @@ def test_a_wind_that_sets_in_over_three_minutes_is_found_with_its_ramp():
 def test_intervals_of_a_clear_ramp_begin_where_it_begins_and_last_with_the_run():
     likelihood, _, found = slow_wind()
     runs = [p.linearised.run for p in likelihood.data_set.runs]
-    spans = _when(Question(Case("trial", "mariner", tuple(runs), SHIP), CALM, []), found, 0, False)
+    spans = _when(Question(Case("trial", "mariner", tuple(runs), SHIP, 40.0), CALM, []), found, 0, False)
     for run, true in zip(runs, (120.0, 90.0), strict=True):
         (((start, end), (error, of_end)),) = spans[run.name]
         assert abs(start - true) < 3 * error < 60.0 and end == run.time[-1] and np.isnan(of_end)
@@ -247,7 +247,7 @@ def test_a_step_is_no_ramp_and_its_times_are_within_their_errors():
 
 
 def question(runs: Sequence[Recording], held_out: Sequence[str], effects: Sequence[Effect]) -> Question:
-    return Question(Case("trial", "mariner", tuple(runs), SHIP, frozenset(held_out)), CALM, effects)
+    return Question(Case("trial", "mariner", tuple(runs), SHIP, 40.0, frozenset(held_out)), CALM, effects)
 
 
 @pytest.mark.parametrize("kind", mainly(1, ["push", "wind"]))
@@ -282,7 +282,7 @@ def test_beside_a_depth_too_an_event_is_placed_before_or_after_the_depths_formul
         Vessel(calm, [bottom, force]), [turning_circle(20.0, duration=400.0)], step=STEP, interval=STEP
     )
     run = run_of(record, NOISE / STEP**0.5)
-    asked = Question(Case("trial", ship, (run,), calm.hull, frozenset({run.name})), calm, [])
+    asked = Question(Case("trial", ship, (run,), calm.hull, 40.0, frozenset({run.name})), calm, [])
     both = Hypothesis((force, bottom), tuple(e.values.numpy()[None] for e in (force, bottom)))
     there = in_held_out_runs(asked, replace(by_hand(0.0), hypothesis=both, best=best)).hypothesis
     assert times_of(force, there.values[0][0]) == (approx((94.0, 300.0), abs=2.0),)
@@ -358,7 +358,7 @@ def test_a_large_force_is_placed_in_all_runs_that_were_not_used(force_kN):
     """As long as one of two such runs lacks it, coefficients that are off by far explain both better than it does."""
     push = SideForce(SHIP, force_kN=force_kN, lever_m=60.0, start_s=150.0, end_s=300.0)
     records = strange_runs(6, push, step=STEP)
-    case = Case("strange", "mariner", tuple(records), SHIP, frozenset({r.name for r in records[1:]}))
+    case = Case("strange", "mariner", tuple(records), SHIP, 40.0, frozenset({r.name for r in records[1:]}))
     asked = Question(case, CALM, [SideForce(SHIP)])
     fitted = search(whitened_data_set(CALM, case.fitted), asked.effects).fitted[0]
     there = in_held_out_runs(asked, fitted).hypothesis

@@ -297,7 +297,7 @@ def pond():
         raw = [over_ground(record, p) for record in records]
         step = common_step(raw, p)
         made = [prepared(run, step, p, "turning_circle") for run in raw]
-        case = Case("pond", hull.particulars.name, tuple(made), hull, frozenset({made[2].name}), warmup=15.0)
+        case = Case("pond", hull.particulars.name, tuple(made), hull, 15.0, frozenset({made[2].name}))
         return Question(case, model, [e(hull) for e in CANDIDATES])
 
     return ship, question

@@ -43,7 +43,7 @@ def asked(effects: Sequence[Effect] = (), off: float = 0.0) -> Question:
     with unchecked():
         records = roll_out(Vessel(Calibrated(CALM, shares), list(effects)), TRIALS, step=STEP, interval=STEP)
     runs = tuple(run_of(record, NOISE / STEP**0.5, seed) for seed, record in enumerate(records))
-    return Question(Case("trial", "mariner", runs, SHIP, frozenset(run.name for run in runs[2:])), CALM, ())
+    return Question(Case("trial", "mariner", runs, SHIP, 40.0, frozenset(run.name for run in runs[2:])), CALM, ())
 
 
 def bayes_factors(question: Question, effect: Effect) -> dict[str, float]:

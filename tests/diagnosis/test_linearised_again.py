@@ -192,7 +192,7 @@ def weak_rudder_off() -> tuple[Recording, ...]:
 def test_held_out_runs_judge_an_effect_about_its_own_states_and_on_the_corrected_ship():
     """About the first, rough states and published coefficients 4.4 deg explain more than the true 5."""
     runs = weak_rudder_off()
-    asked = Question(Case("trial", "mariner", runs, SHIP, frozenset(r.name for r in runs)), CALM, ())
+    asked = Question(Case("trial", "mariner", runs, SHIP, 40.0, frozenset(r.name for r in runs)), CALM, ())
     true, less = (
         asked.held_out.evaluate(
             replace(hypothesis(RudderOffset(SHIP, offset_deg=angle)), fixed=frozenset({"offset_deg"}))

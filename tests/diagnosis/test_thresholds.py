@@ -361,6 +361,14 @@ def test_what_is_only_the_nearest_to_something_else_is_told_by_two_or_three_test
     assert bool(checks.only_nearest(claim, made)) is nearest
 
 
+@pytest.mark.parametrize("also, stands_again", [(set(), True), ({checks.LEFT}, False), ({RIGHT_SHIP}, True)])
+def test_events_do_not_stand_again_if_they_leave_as_much_of_the_missing_force_as_calm_water(also, stands_again):
+    made = [Check(name, name not in also, "") for name in (checks.LEFT, RIGHT_SHIP)]
+    claim = SimpleNamespace(names=("side_force",), hypothesis=SimpleNamespace(effects=[SimpleNamespace(timed=[0, 1])]))
+    why = checks.only_nearest(claim, [*made, Check(REPAIRED_SAILS, False, "")])
+    assert why.startswith(checks.ANY_FORCE) and (why == checks.ANY_FORCE) is stands_again
+
+
 @pytest.mark.parametrize(
     "speeds, sd, passed",
     [

@@ -84,7 +84,7 @@ def asked(name: str, records: Sequence[Recording], seed: int, effects: Sequence[
     """With noise; the last one is held out."""
     noise = NOISE / (records[0].time[1] - records[0].time[0]) ** 0.5
     made = tuple(run_of(r, noise, k) for k, r in enumerate(records, start=seed))
-    return Question(Case(name, "mariner", made, SHIP, frozenset({made[-1].name})), CALM, effects, **more)
+    return Question(Case(name, "mariner", made, SHIP, 40.0, frozenset({made[-1].name})), CALM, effects, **more)
 
 
 @cache

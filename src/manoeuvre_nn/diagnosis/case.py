@@ -61,8 +61,8 @@ class Case:
         ship: The ship as the manifest calls it.
         runs: All runs, prepared.
         hull: Calm-water model with the manifest's particulars.
-        proof: Names of the runs that are held out.
         warmup: Time up to which a held-out run may be looked at [s].
+        proof: Names of the runs that are held out.
         undecided: What these runs cannot decide, a sentence each.
     """
 
@@ -70,8 +70,8 @@ class Case:
     ship: str
     runs: tuple[Recording, ...]
     hull: Ship = field(repr=False)
+    warmup: float
     proof: frozenset[str] = frozenset()
-    warmup: float = 40.0
     undecided: tuple[str, ...] = ()
 
     @property
@@ -291,7 +291,7 @@ def _case(
     step = common_step(raw, p)
     runs = with_own_shafts([prepared(r, step, p, kinds[r.name]) for r in raw])
     name, proof = str(m.get("case", folder.resolve().name)), frozenset(name for name, held in split.items() if held)
-    case = Case(name, str(m.get("ship", p.name)), runs, hull, proof, warmup)
+    case = Case(name, str(m.get("ship", p.name)), runs, hull, warmup, proof)
     return replace(case, undecided=_undecided(case))
 
 

@@ -27,6 +27,8 @@ MIN_CHANCE_OF_ZEROS = 1e-3
 """Chance that a value which each run has of its own is so near to 0 in all of them, from which it is not believed."""
 ANY_FORCE = "events at any times come near to any force, and held-out runs are not sailed with these"
 """Why a claim gives way that stands again where nothing else passes."""
+NO_LESS = "no less is left than in calm water"
+"""Why one does not."""
 SIZE_CONFIDENCE = 0.954
 """Confidence, two standard errors of one number, at which the sizes of an effect must not be those of none."""
 INDISTINGUISHABLE = 9.0
@@ -52,7 +54,8 @@ def only_nearest(claim: FittedHypothesis, checks: Sequence[Check], more_left: bo
         at an end of what is possible, and beside it coefficients would have to be another ship's. They are, or its
         formula is off what is published, and more is left of the missing force than in calm water, so that free runs
         may miss by anything, or as much, and free runs of held-out manoeuvres miss by more than is unknown. Or they
-        miss so, and all of it are events: with times of their own in every run these come near to any force. Or its
+        miss so, and all of it are events: with times of their own in every run these come near to any force, the more
+        so where they leave as much of it as calm water (:data:`NO_LESS`). Or its
         formula is off what is published, and coefficients need not be: they are where an effect is large and of
         another form, and of a model that was fitted nobody asks.
     """
@@ -62,9 +65,9 @@ def only_nearest(claim: FittedHypothesis, checks: Sequence[Check], more_left: bo
     if {ON_BOUNDS, RIGHT_SHIP} <= failed:
         return "its numbers are at an end of what is possible, and beside it this is not the ship"
     if failed & {ON_BOUNDS, FORM} and (more_left or {LEFT, REPAIRED_SAILS} <= failed):
-        return "its numbers are at an end of what is possible or published, and no less is left than in calm water"
+        return f"its numbers are at an end of what is possible or published, and {NO_LESS}"
     if REPAIRED_SAILS in failed and claim.names and all(effect.timed for effect in claim.hypothesis.effects):
-        return ANY_FORCE
+        return f"{ANY_FORCE}, and {NO_LESS}" if LEFT in failed else ANY_FORCE
     if FORM in failed and any(check.name == RIGHT_SHIP and check.passed for check in checks):
         return "its formula is not as published, though this ship's coefficients may be"
     return ""

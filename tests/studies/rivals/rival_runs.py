@@ -59,4 +59,4 @@ def case_with(*kinds: tuple[type[Effect], tuple[tuple[str, float], ...]]) -> Cas
     """Two runs to fit and the same again, with other noise, for the proof."""
     effects = [kind(SHIP, **dict(values)) for kind, values in kinds]
     proof = sailed(effects, seed=7, held_out=True)
-    return Case("c1", "mariner", (*sailed(effects), *proof), SHIP, frozenset(run.name for run in proof))
+    return Case("c1", "mariner", (*sailed(effects), *proof), SHIP, 40.0, frozenset(run.name for run in proof))
