@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from scipy.optimize import linear_sum_assignment
 
 from manoeuvre_nn.core.ending import one_line
 from manoeuvre_nn.core.errors import InputError
@@ -161,7 +162,7 @@ def _assigned(names: list[str], alike: list[set[str]]) -> bool:
 
 
 def places(said: list[dict[str, Any]], effects: list[Mapping[str, Any]]) -> tuple[int, int, int]:
-    """Places that were found, said in vain and missed.
+    """Places that were found, said in vain and missed, with as many of them found as any order of the effects allows.
 
     Args:
         said: Entries that the answer holds to be present.
@@ -170,14 +171,15 @@ def places(said: list[dict[str, Any]], effects: list[Mapping[str, Any]]) -> tupl
     Returns:
         True positives, false positives, false negatives.
     """
-    left = [_as_set(entry["equation"]) for entry in said]
-    for effect in effects:
-        right = [_as_set(place) for place in (effect["equation"], *(effect.get("equation_accepted") or []))]
-        found = next((place for place in left if place in right), None)
-        if found is not None:
-            left.remove(found)
-    true = len(said) - len(left)
-    return true, len(left), len(effects) - true
+    told = [_as_set(entry["equation"]) for entry in said]
+    right = [
+        [_as_set(place) for place in (effect["equation"], *(effect.get("equation_accepted") or []))]
+        for effect in effects
+    ]
+    fits = np.array([[place in accepted for place in told] for accepted in right], dtype=int)
+    fits = fits.reshape(len(effects), len(said))
+    true = int(fits[linear_sum_assignment(fits, maximize=True)].sum())
+    return true, len(said) - true, len(effects) - true
 
 
 def _effect_marks(

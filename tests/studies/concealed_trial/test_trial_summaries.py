@@ -53,6 +53,22 @@ def test_places_count_what_was_found_said_in_vain_and_missed():
     assert place_f1([{"places": (0, 0, 0)}]) is None
 
 
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("others", [False, True])
+def test_a_place_is_not_taken_from_the_effect_that_has_no_other(turned, others):
+    """What a rudder does may be said of its forces, too: waves beside it act nowhere else."""
+    said = [{"equation": ["X", "Y", "N"]}, {"equation": ["actuator:rudder"]}]
+    forces = [["Y", "N"], ["X", "Y", "N"]]
+    concealed = [
+        {"equation": ["actuator:rudder"], "equation_accepted": [["actuator:rudder"], *forces]},
+        {"equation": ["X", "Y", "N"], "equation_accepted": None},
+    ]
+    both = concealed[::-1] if turned else concealed
+    wrong = [{"equation": ["sensor:r"]}] if others else []
+    assert places(said[::-1] + wrong, both) == places(said + wrong, both) == (2, len(wrong), 0)
+    assert places(said[:1], both) == (1, 0, 1) and places([], both) == (0, 0, 2)
+
+
 def test_what_an_answer_claims_is_its_model_or_what_is_likely():
     entries = [{"name": "a", "probability": 0.4}, {"name": "b", "probability": 0.7}]
     assert [e["name"] for e in claimed({"verdict": "mismatch", "effects": entries})] == ["b"]
