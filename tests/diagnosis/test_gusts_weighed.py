@@ -65,3 +65,13 @@ def test_where_runs_do_not_tell_gusts_stay_as_lasting_as_is_usual_and_their_size
 def test_gusts_are_faint_below_a_tenth_of_the_mean_wind_give_or_take_two_standard_errors(size, error, faint):
     """Of 12 m/s: the open sea has .06 (1 + .043 U) = .091, 1.09 m/s, at all frequencies."""
     assert gusts.fainter_than_at_sea(replace(found(), random={"gust_sd": (size, error)})) is faint
+
+
+def test_gusts_are_tried_at_a_tenth_to_a_third_of_the_wind_and_last_half_a_minute():
+    sizes = [g.size for g in gusts.AT_SEA]
+    assert sizes[0] == approx(0.1) and sizes[-1] == approx(1 / 3, rel=0.05)
+    assert np.ptp(np.diff(np.log(sizes))) < 0.06, "even on a logarithmic scale, as the mean over sizes takes them"
+    assert all(20.0 <= g.memory <= 60.0 and g.across == 0.0 for g in gusts.AT_SEA)
+    on_ponds = np.array([g.size for g in gusts.ON_PONDS]).reshape(2, 3)
+    assert np.ptp(np.diff(np.log(on_ponds), axis=1)) < 0.06 and (on_ponds[0] == on_ponds[1]).all()
+    assert {(g.memory, g.across) for g in gusts.ON_PONDS} == {(10.0, 1.0), (5.0, 1.0)}

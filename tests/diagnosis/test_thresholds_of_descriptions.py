@@ -391,13 +391,3 @@ def test_windows_are_looked_for_in_means_of_ten_seconds_of_which_there_are_twelv
     force[(time >= 40) & (time < 80), 1] += 9.0
     found = locate.changes(time, force, np.ones((count, 3)))
     assert found == [(40.0, 80.0)] * windows
-
-
-def test_gusts_are_tried_at_a_tenth_to_a_third_of_the_wind_and_last_half_a_minute():
-    sizes = [g.size for g in gusts.AT_SEA]
-    assert sizes[0] == approx(0.1) and sizes[-1] == approx(1 / 3, rel=0.05)
-    assert np.ptp(np.diff(np.log(sizes))) < 0.06, "even on a logarithmic scale, as the mean over sizes takes them"
-    assert all(20.0 <= g.memory <= 60.0 and g.across == 0.0 for g in gusts.AT_SEA)
-    on_ponds = np.array([g.size for g in gusts.ON_PONDS]).reshape(2, 3)
-    assert np.ptp(np.diff(np.log(on_ponds), axis=1)) < 0.06 and (on_ponds[0] == on_ponds[1]).all()
-    assert {(g.memory, g.across) for g in gusts.ON_PONDS} == {(10.0, 1.0), (5.0, 1.0)}
