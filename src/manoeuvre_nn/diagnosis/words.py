@@ -239,7 +239,7 @@ def nature_sentence(nature: Nature) -> str:
     if np.isfinite(nature.regime):
         said.append(f"{nature.regime:.0%} of its square with more than half the helm")
     more = ", ".join(part for part in said if part)
-    other = "a random force" if nature.predictable else "any formula"
+    other = "any formula" if nature.kind == "random" else "a random force"
     against = f"log evidence against {other} {nature.against:+.0f}"
     failed = ["it does not predict runs that were not used better"] if nature.refuted else []
     clause = nature_words(nature)
