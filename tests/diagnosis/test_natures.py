@@ -106,7 +106,7 @@ def test_what_cannot_be_predicted_is_said_to_be_so():
     assert "a random force in yaw, standard deviation 12.3 ± 2.1 MN m; its course cannot be predicted" in said
     assert "log evidence against any formula" in said
     beats = Nature("periodic", ("N",), Value("amplitude", 8.0, 0.5, "MN m"), against=20.0, predictable=False)
-    said = nature_sentence(beats)  # held-out runs are likelier with it, but it throws free runs further off
+    said = nature_sentence(beats)
     assert "its course cannot be predicted" in said and "log evidence against a random force +20" in said
 
 

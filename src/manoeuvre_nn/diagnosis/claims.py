@@ -74,7 +74,7 @@ def decided(question: Question, tried: SearchResult) -> tuple[Decision, Proved]:
     if not named:
         verdict = as_fitted  # a name that failed the proof makes the unknown no less likely
     rule = verdict.formula if verdict.rests_on_formula and not chosen.names else None
-    if rule is not None and held_out_gain(question, tried, rule) < REFUTED:
+    if rule is not None and _held_out_gain(question, tried, rule) < REFUTED:
         verdict = verdict.without_formula()
         chosen, proofs, more = _proved(question, tried, verdict.claims, ship)
         checks = [*checks, *more]
@@ -91,11 +91,11 @@ def decided(question: Question, tried: SearchResult) -> tuple[Decision, Proved]:
 
 def _outweighed(question: Question, tried: SearchResult, best: FittedHypothesis) -> bool:
     """Whether fitted and held-out runs together make calm water likelier than a hypothesis with a name."""
-    evidence = best.evidence + held_out_gain(question, tried, best)
+    evidence = best.evidence + _held_out_gain(question, tried, best)
     return not likelier_than_calm_water(tried, replace(best, evidence=evidence))
 
 
-def held_out_gain(question: Question, tried: SearchResult, claim: FittedHypothesis) -> float:
+def _held_out_gain(question: Question, tried: SearchResult, claim: FittedHypothesis) -> float:
     """Log evidence that a claim adds to calm water's in the held-out runs."""
     calm = in_held_out_runs(question, tried.none, tried.likelihood.data_set).evidence
     return _held_out_evidence(question, tried, claim) - calm
