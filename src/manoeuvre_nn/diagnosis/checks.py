@@ -28,7 +28,7 @@ MIN_CHANCE_OF_ZEROS = 1e-3
 ANY_FORCE = "events at any times come near to any force, and held-out runs are not sailed with these"
 """Why a claim gives way that stands again where nothing else passes."""
 NO_LESS = "no less is left than in calm water"
-"""Why one does not."""
+"""Why a claim of events does not even then; of others it is one reason of several."""
 SIZE_CONFIDENCE = 0.954
 """Confidence, two standard errors of one number, at which the sizes of an effect must not be those of none."""
 INDISTINGUISHABLE = 9.0
@@ -55,9 +55,9 @@ def only_nearest(claim: FittedHypothesis, checks: Sequence[Check], more_left: bo
         formula is off what is published, and more is left of the missing force than in calm water, so that free runs
         may miss by anything, or as much, and free runs of held-out manoeuvres miss by more than is unknown. Or they
         miss so, and all of it are events: with times of their own in every run these come near to any force, the more
-        so where they leave as much of it as calm water (:data:`NO_LESS`). Or its
-        formula is off what is published, and coefficients need not be: they are where an effect is large and of
-        another form, and of a model that was fitted nobody asks.
+        so where they leave as much of it as calm water (:data:`NO_LESS`). Or its formula is off what is published, and
+        coefficients need not be: they are where an effect is large and of another form, and of a model that was fitted
+        nobody asks.
     """
     failed = {check.name for check in checks if not check.passed}
     if BEGINS_ANEW in failed:

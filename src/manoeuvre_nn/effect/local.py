@@ -57,7 +57,7 @@ class BowThruster(_LateralForce):
     """A bow thruster that is left running, positive to starboard, .4 L forward of midship give or take .03 L.
 
     The form parameter lever is where it acts, over the length: its tunnel is as far forward as the hull has room. No
-    ship has more than some 3 MN: the largest of passengers have four of 5500 kW, and 746 kW give ten tonnes.
+    ship has more than some 3 MN: the largest passenger ships have four of 5500 kW, and 746 kW give ten tonnes.
     """
 
     name = "bow_thruster"
