@@ -16,7 +16,7 @@ from trials import CALM, SHIP, values
 
 from manoeuvre_nn.diagnosis import claims as proving
 from manoeuvre_nn.diagnosis import decision, proof
-from manoeuvre_nn.diagnosis.decision import MAX_SETTLED, decide
+from manoeuvre_nn.diagnosis.decision import MAX_SETTLED, by_any_coefficient_prior, decide
 from manoeuvre_nn.diagnosis.fits import at_rest, refine
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.loading import TrimChange
@@ -98,10 +98,11 @@ def weighed(monkeypatch):
     def run(gains: dict, *hypotheses, formula=None):
         monkeypatch.setattr(decision, "beside", lambda likelihood, h: likelihood)
         monkeypatch.setattr(decision, "gain_by_coefficient_priors", lambda data_set, j: gains.get(j.names, 0.0))
-        result, rule, calm = decision._by_any_coefficient_prior(found(*hypotheses, none=-3.0), formula)
-        assert result.none.evidence == -3.0 and calm in (None, gains.get((), 0.0))
-        every = [*result.fitted, *([] if rule is None else [rule])]
-        return [("+".join(j.names), round(j.evidence, 6)) for j in every]
+        result = by_any_coefficient_prior(found(*hypotheses, none=-3.0))
+        assert result.none.evidence == -3.0 and result.calm_gain in (None, gains.get((), 0.0))
+        monkeypatch.setattr(decision, "short_formula", lambda there, none: formula)
+        told = [] if formula is None else [decision._formula(result, result.likelihood)]
+        return [("+".join(j.names), round(j.evidence, 6)) for j in [*result.fitted, *told]]
 
     return run
 
@@ -164,7 +165,7 @@ def test_gusts_must_add_six_in_fitted_and_held_out_runs_to_the_steady_wind(monke
     claims = decision._claims(found(gusty, other, steady), gusty, None, False)
     assert claims[:2] == [gusty, steady] and claims.count(steady) == 1
     assert decision._claims(found(gusty, steady), steady, None, False)[0] is steady, "gusts are no further effect"
-    monkeypatch.setattr(proving, "at_rest", lambda data_set, j: (data_set, j))
+    monkeypatch.setattr(proving, "_as_put_to_proof", lambda question, tried, j: (None, j))
     monkeypatch.setattr(proving, "in_held_out_runs", lambda question, j, known: replace(j, evidence=steady_there))
     alone = [c for c in claims if len(c.names) == len(gusty.names)]
     assert proving._last_effect_helps(SimpleNamespace(held_out_evidence={}), found(), gusty, 20.0, alone) is helps
@@ -174,13 +175,14 @@ def test_the_decision_is_made_on_what_all_priors_say(monkeypatch):
     order, rule = [], by_hand(1.0, "heading_bias")
     monkeypatch.setattr(decision, "beside", lambda likelihood, h: likelihood)
     monkeypatch.setattr(decision, "short_formula", lambda likelihood, none: rule)
-    monkeypatch.setattr(decision, "_by_any_coefficient_prior", lambda *both: order.append(both) or (*both, -0.75))
+    monkeypatch.setattr(decision, "gain_by_coefficient_priors", lambda data_set, j: 4.0)
     monkeypatch.setattr(decision, "unknown_evidence", lambda there, none, f, calm: order.append((f, calm)) or 20.0)
     monkeypatch.setattr(decision, "_by_usual_receiver", lambda *_: (0.0, False))
-    result = found(levels=[(0.001, 0.0)])
+    result = replace(found(levels=[(0.001, 0.0)]), calm_gain=-0.75)
     result.likelihood.data_set.dynamics = CALM  # type: ignore[assignment]
-    decide(result)
-    assert order == [(result, rule), (rule, -0.75), (None, -0.75)]
+    assert decide(result).formula.evidence == 1.0 + 4.0 + 0.75
+    assert [(f and f.evidence, calm) for f, calm in order] == [(5.75, -0.75), (None, -0.75)]
+    assert decide(replace(result, calm_gain=None)).formula is rule
 
 
 def test_held_out_runs_are_weighed_with_all_priors_too(monkeypatch):

@@ -78,11 +78,12 @@ def test_an_event_that_no_held_out_run_had_is_named_by_published_coefficients_al
 SAILED, MORE = Check(REPAIRED_SAILS, True, ""), "more is left than in calm water"
 
 
-def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(), apart=0.0) -> tuple:
+def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(), apart=0.0, weighed=None) -> tuple:
     """What is chosen among claims with these gains in held-out runs; errors of effects alone, with corrections.
 
     By themselves, coefficients unknown, held-out runs make each of them so much likelier than calm water (``apart``).
-    Those of ``surplus`` have one effect too many; the first fails the tests ``poor``.
+    Those of ``surplus`` have one effect too many; the first fails the tests ``poor``. What held-out runs say of each
+    is kept in ``weighed``.
     """
     none = fit(100.0)
     acting = Hypothesis((Current(SHIP),), (values(Current(SHIP)),))
@@ -114,7 +115,7 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(
     monkeypatch.setattr(proving.checking, "may_be_nothing", lambda j, effect: False)
     monkeypatch.setattr(proving.checking, "more_is_left", lambda _, j: MORE in poor and j.names == claims[0].names)
     asked, tried = (
-        Mock(workers=1, held_out_evidence={}, case=Mock(held_out=[1], fitted=[1])),
+        Mock(workers=1, held_out_evidence={} if weighed is None else weighed, case=Mock(held_out=[1], fitted=[1])),
         SimpleNamespace(likelihood=Mock(), none=none),
     )
     return proving._proved(asked, tried, claims, Check(RIGHT_SHIP, RIGHT_SHIP not in poor, ""))
@@ -227,13 +228,32 @@ def test_gusts_that_are_fainter_than_at_sea_are_none(monkeypatch, faint):
 
 def test_what_two_claims_have_in_common_is_put_to_held_out_runs_once(monkeypatch):
     asked, part = [], fit(120.0, "current")
-    monkeypatch.setattr(proving, "at_rest", lambda data_set, j: asked.append(j) or (data_set, j))
+    monkeypatch.setattr(proving, "_as_put_to_proof", lambda question, tried, j: asked.append(j) or (None, j))
     monkeypatch.setattr(proving, "in_held_out_runs", lambda question, j, known: SimpleNamespace(evidence=2.0))
     question, tried = SimpleNamespace(held_out_evidence={}), SimpleNamespace(likelihood=Mock())
     for pair in (fit(130.0, "current", "log_scale"), fit(125.9, "current", "heading_bias")):
         helps = proving._last_effect_helps(question, tried, pair, 2.0, [pair, part])
         assert helps is (pair.evidence > 126.0)
     assert asked == [part]
+
+
+def test_held_out_runs_weigh_a_claim_as_it_is_put_to_the_proof(monkeypatch):
+    """Averaged over what else may be: formulas of several phases do as well in one recording."""
+    claim, known = fit(120.0, "current"), Mock()
+    monkeypatch.setattr(proving, "_about_own_states", lambda data_set, j: (known, j))
+    monkeypatch.setattr(proving, "_averaged", lambda there, j: fit(j.evidence, "log_scale"))
+    monkeypatch.setattr(proving, "acting", lambda hypothesis, runs: [True])
+    found = {("log_scale",): 5.0, ("current",): -5.0}
+    monkeypatch.setattr(proving, "in_held_out_runs", lambda q, j, there: SimpleNamespace(evidence=found[j.names]))
+    question = Mock(held_out_evidence={})
+    assert proving._held_out_evidence(question, Mock(), claim) == 5.0
+    assert question.held_out_evidence == {id(claim): (claim, 5.0)}
+
+
+def test_what_the_proof_says_of_a_claim_is_kept(monkeypatch):
+    weighed, claim = {}, fit(130.0, "current")
+    proved(monkeypatch, [claim], {("current",): 4.0}, {}, weighed=weighed)
+    assert weighed == {id(claim): (claim, 11.0)}
 
 
 @pytest.mark.parametrize("alone, corrected, after", [(1.0, 3.0, 1.0), (1.0, 2.05, 2.05), (3.5, 3.0, None)])

@@ -53,7 +53,7 @@ def test_gusts_have_states_of_their_own_at_sea_and_stay_where_they_were_found_on
 
 def test_where_nothing_unknown_leads_held_out_runs_settle_nothing():
     verdict = Decision(True, False, 0.1, 0.1, {"current": 0.8}, fitted(9.0, "current"), {})
-    assert verdict.with_held_out(calm=-50.0, best=-40.0) is verdict
+    assert verdict.with_held_out(best=10.0) is verdict
 
 
 @pytest.mark.parametrize("unmodelled, gains", [(6.9, 0.0), (7.1, 40.0 - np.log(2))])

@@ -179,7 +179,7 @@ def test_the_last_of_several_effects_must_add_six_in_fitted_and_held_out_runs_to
     three = fitted(30.0, "current", "log_scale", "heading_bias")
     parts = [fitted(20.0, "current", "log_scale"), fitted(15.0, "current", "heading_bias"), fitted(12.0, "current")]
     there = {parts[0].names: fitted((best_part or 0.0) - 20.0, "current"), parts[1].names: fitted(99.0, "current")}
-    monkeypatch.setattr(diagnosing, "at_rest", lambda data_set, j: (data_set, j))
+    monkeypatch.setattr(diagnosing, "_as_put_to_proof", lambda question, tried, j: (None, j))
     monkeypatch.setattr(diagnosing, "in_held_out_runs", lambda question, j, known: there[j.names])
     claims = [three, *parts] if best_part else [three, parts[2]]
     assert diagnosing._last_effect_helps(Mock(held_out_evidence={}), Mock(), three, 10.0, claims) is helps
@@ -190,7 +190,7 @@ def test_two_effects_must_add_six_to_another_one_alone_too(monkeypatch, name, he
     """A fouled hull less a pitch error is an ice resistance; a formula is no effect with a name."""
     two, part = fitted(20.0, "current", "log_scale"), fitted(10.0, "current")
     other = SimpleNamespace(names=(name,), evidence=19.0, hypothesis=SimpleNamespace(effects=()), random={})
-    monkeypatch.setattr(diagnosing, "at_rest", lambda data_set, j: (data_set, j))
+    monkeypatch.setattr(diagnosing, "_as_put_to_proof", lambda question, tried, j: (None, j))
     monkeypatch.setattr(diagnosing, "in_held_out_runs", lambda question, j, known: fitted(5.0, "current"))
     assert diagnosing._last_effect_helps(Mock(held_out_evidence={}), Mock(), two, 5.0, [two, part, other]) is helps
 
@@ -199,7 +199,7 @@ def test_two_effects_must_add_six_to_another_one_alone_too(monkeypatch, name, he
 def test_calm_water_outweighs_what_held_out_runs_take_more_from_than_fitted_ones_gave(monkeypatch, there, outweighed):
     """Of one effect, twice as often as calm water: 2.1 ahead in the fitted runs is 2.9 by its odds."""
     best, evidence = fitted(2.1, "current"), {(): 7.0, ("current",): 7.0 + there}
-    monkeypatch.setattr(diagnosing, "at_rest", lambda data_set, j: (data_set, j))
+    monkeypatch.setattr(diagnosing, "_as_put_to_proof", lambda question, tried, j: (None, j))
     monkeypatch.setattr(diagnosing, "in_held_out_runs", lambda question, j, known: fitted(evidence[j.names], *j.names))
     assert diagnosing._outweighed(Mock(held_out_evidence={}), found(best), best) is outweighed
 

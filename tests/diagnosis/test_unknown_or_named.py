@@ -19,20 +19,20 @@ FORMULA = Mock(names=("formula",), evidence=20.0, random={})
 
 
 @pytest.mark.parametrize(
-    "lead, calm, there, formula, claims, share",
+    "lead, gain, formula, claims, share",
     [
-        (9.0, -50.0, -40.0, -80.0, ["current", "formula"], 1 / (1 + np.exp(-1.0))),
-        (9.0, -50.0, -42.0, -80.0, ["formula"], None),  # calm water, which foretells as much as no rule does
-        (9.0, -50.0, -20.0, -25.0, ["formula"], None),  # the formula holds there as well
-        (0.0, -50.0, 0.0, -80.0, ["formula"], None),  # it was not likelier in the fitted runs: nothing is settled there
+        (9.0, 10.0, -30.0, ["current", "formula"], 1 / (1 + np.exp(-1.0))),
+        (9.0, 8.0, -30.0, ["formula"], None),  # calm water, which foretells as much as no rule does
+        (9.0, 30.0, 25.0, ["formula"], None),  # the formula holds there as well
+        (0.0, 50.0, -30.0, ["formula"], None),  # it was not likelier in the fitted runs: nothing is settled there
     ],
 )
 def test_a_name_that_the_unknown_leads_is_claimed_where_held_out_runs_make_up_for_it(
-    lead, calm, there, formula, claims, share
+    lead, gain, formula, claims, share
 ):
     effects = {"current": 0.01, "log_scale": 0.002}
     d = Decision(True, True, 0.0, 0.988, effects, fitted(9.0, "current"), {}, 20.0, [FORMULA], FORMULA, lead)
-    settled = d.with_held_out(calm, there, formula)
+    settled = d.with_held_out(gain, formula)
     assert [j.names[0] for j in settled.claims] == claims
     assert (settled.effects["current"], settled.unknown) == (
         approx((0.01, 0.988)) if share is None else approx((0.998 * share, 0.998 * (1 - share)))
@@ -71,6 +71,7 @@ def test_a_name_that_held_out_runs_favour_but_fails_the_proof_leaves_the_unknown
     there = {(): -50.0, ("log_scale",): -40.0, ("formula",): -80.0}
     monkeypatch.setattr(proving, "decide", lambda tried: led)
     monkeypatch.setattr(proving, "right_ship_check", lambda *_: Check(RIGHT_SHIP, True, ""))
+    monkeypatch.setattr(proving, "_as_put_to_proof", lambda question, tried, j: (None, j))
     monkeypatch.setattr(proving, "in_held_out_runs", lambda q, j, known: Mock(evidence=there[tuple(j.names)]))
     told = [Check(REPAIRED_SAILS, sails, "")]
     monkeypatch.setattr(proving, "_proved", lambda q, tried, some, ship: (some[0] if proved else FORMULA, [], told))
@@ -104,7 +105,7 @@ def test_a_name_that_is_not_proved_is_left_open_unless_all_runs_together_make_ca
     for check in ("right_ship_check", "calm_check"):
         monkeypatch.setattr(proving, check, lambda *_: Check(RIGHT_SHIP, True, ""))
     monkeypatch.setattr(proving, "_proved", lambda q, tried, some, ship: (none, [], []))
-    monkeypatch.setattr(proving, "at_rest", lambda data_set, j: (data_set, j))
+    monkeypatch.setattr(proving, "_as_put_to_proof", lambda question, tried, j: (None, j))
     monkeypatch.setattr(proving, "in_held_out_runs", lambda q, j, known: Mock(evidence=there if j.names else 0.0))
     verdict, (chosen, _, _) = proving.decided(
         Mock(dynamics=CALM, held_out_evidence={}), SearchResult(none, [scale], Mock())
@@ -128,7 +129,7 @@ def test_something_unknown_that_rests_on_a_formula_falls_with_it(monkeypatch, wi
         name, True, 0.1, 0.8, {"log_scale": 0.1}, scale, {}, 8.0, [FORMULA], FORMULA, without_rule=without_rule
     )
     monkeypatch.setattr(proving, "decide", lambda tried: led)
-    monkeypatch.setattr(proving, "at_rest", lambda data_set, j: (data_set, j))
+    monkeypatch.setattr(proving, "_as_put_to_proof", lambda question, tried, j: (None, j))
     monkeypatch.setattr(proving, "in_held_out_runs", lambda q, j, known: Mock(evidence=evidence[tuple(j.names)]))
     for check in ("right_ship_check", "calm_check"):
         monkeypatch.setattr(proving, check, lambda *_: Check(RIGHT_SHIP, True, ""))

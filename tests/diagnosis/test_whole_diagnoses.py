@@ -199,7 +199,7 @@ def test_the_last_of_two_effects_must_add_six_in_fitted_and_held_out_runs_togeth
     one, two = (SimpleNamespace(names=names, evidence=20.0, **still) for names in (("current",), ("current", "wind")))
     two.evidence += fitted
     monkeypatch.setattr(under_test, "in_held_out_runs", lambda question, j, known: SimpleNamespace(evidence=5.0))
-    monkeypatch.setattr(under_test, "at_rest", lambda data_set, j: (data_set, j))
+    monkeypatch.setattr(under_test, "_as_put_to_proof", lambda question, tried, j: (None, j))
     assert under_test._last_effect_helps(Mock(held_out_evidence={}), Mock(), two, 5.0 + held_out, [two, one]) is helps
     assert under_test._last_effect_helps(Mock(held_out_evidence={}), Mock(), one, 5.0, [two, one])
 

@@ -62,9 +62,8 @@ def decided(question: Question, tried: SearchResult) -> tuple[Decision, Proved]:
         return verdict, _proved(question, tried, verdict.claims)
     as_fitted = verdict
     if verdict.lead and question.case.held_out:
-        asked = [tried.none, *filter(None, (verdict.best, verdict.formula))]
-        known = tried.likelihood.data_set
-        verdict = verdict.with_held_out(*(in_held_out_runs(question, j, known).evidence for j in asked))
+        asked = filter(None, (verdict.best, verdict.formula))
+        verdict = verdict.with_held_out(*(_held_out_gain(question, tried, j) for j in asked))
     ship = right_ship_check(tried, verdict.formula)
     chosen, proofs, checks = _proved(question, tried, verdict.claims, ship)
     named = verdict.best is not None and set(chosen.names) == set(verdict.best.names)
@@ -102,9 +101,9 @@ def _held_out_gain(question: Question, tried: SearchResult, claim: FittedHypothe
 
 
 def _held_out_evidence(question: Question, tried: SearchResult, claim: FittedHypothesis) -> float:
-    """Log evidence of the held-out runs under a claim about its own states; several claims ask for that of one part."""
+    """Log evidence of the held-out runs under a claim as it is put to the proof; several ask for that of one part."""
     if id(claim) not in question.held_out_evidence:
-        known, j = _about_own_states(tried.likelihood.data_set, claim)
+        known, j = _as_put_to_proof(question, tried, claim)
         question.held_out_evidence[id(claim)] = claim, in_held_out_runs(question, j, known).evidence
     return question.held_out_evidence[id(claim)][1]
 
@@ -122,6 +121,7 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         tasks = [partial(_put_to_proof, question, tried, c, claims, calm_water) for c in new]
         made = shared_out(tasks, question.workers)
         known.update(zip(map(id, new), made, strict=True))
+        question.held_out_evidence.update({id(c): (c, known[id(c)].evidence - c.evidence) for c in new})
         return [known[id(c)] for c in some]
 
     left, second_best = list(claims), None
@@ -196,19 +196,12 @@ def _put_to_proof(
     calm_water: tuple[list[Proof], float, float],
 ) -> _Tried:
     """One claim, against calm water's predictions, their error, and its log evidence in the held-out runs."""
-    (proofs, before, calm), data_set = calm_water, tried.likelihood.data_set
-    known, j = _about_own_states(data_set, claim)
-    j = _averaged(known, j)
-    gone = [k for k, acts in enumerate(acting(j.hypothesis, question.case.fitted)) if not acts]
-    # An event that ends before it begins, or what may be nothing: what is left was found.
-    silent = [*gone, *(k for k in range(len(j.names)) if checking.may_be_nothing(j, k))] if len(j.names) > 1 else []
-    if silent:
-        left = refine(MarginalLikelihood(known), j.hypothesis.without(silent[0]), *j.best)
-        j = _averaged(known, replace(left, random=j.random))
+    proofs, before, calm = calm_water
+    known, j = _as_put_to_proof(question, tried, claim)
     there = in_held_out_runs(question, j, known)
     made = prove(question, j, there.hypothesis, proofs)
     # The errors of a fitted model may look like an effect, and one formula of hundreds like anything.
-    trained = is_fitted(data_set.dynamics)
+    trained = is_fitted(known.dynamics)
     least = PROVED if trained or Formula.name in j.names else REFUTED
     after, gain, sure = error_after(question, made), there.evidence - calm, least_gain(claim, SURE_BY_ITSELF)
     most = before * (1.0 if trained and gain <= sure else MAX_ERROR_GROWTH)
@@ -258,6 +251,21 @@ def _likelier_by_themselves(question: Question, none: FittedHypothesis, j: Fitte
     if least > REFUTED:
         return False
     return in_held_out_runs(question, j).evidence - in_held_out_runs(question, none).evidence > PROVED
+
+
+def _as_put_to_proof(
+    question: Question, tried: SearchResult, claim: FittedHypothesis
+) -> tuple[WhitenedDataSet, FittedHypothesis]:
+    """The runs about a claim's own states, and the claim there, averaged, without what turned out to be nothing."""
+    known, j = _about_own_states(tried.likelihood.data_set, claim)
+    j = _averaged(known, j)
+    gone = [k for k, acts in enumerate(acting(j.hypothesis, question.case.fitted)) if not acts]
+    # An event that ends before it begins, or what may be nothing: what is left was found.
+    silent = [*gone, *(k for k in range(len(j.names)) if checking.may_be_nothing(j, k))] if len(j.names) > 1 else []
+    if silent:
+        left = refine(MarginalLikelihood(known), j.hypothesis.without(silent[0]), *j.best)
+        j = _averaged(known, replace(left, random=j.random))
+    return known, j
 
 
 def _averaged(known: WhitenedDataSet, j: FittedHypothesis) -> FittedHypothesis:

@@ -13,6 +13,7 @@ from manoeuvre_nn.diagnosis.unknown import receiver_wander, unknown_evidence
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.prior_average import gain_by_coefficient_priors
 from manoeuvre_nn.estimation.relinearise import beside
 
@@ -80,21 +81,20 @@ class Decision:
             return max(self.effects[name], MIN_UNKNOWN)
         return min(self.effects[name], MAX_UNPROVED) if unproved else self.effects[name]
 
-    def with_held_out(self, calm: float, best: float, formula: float = -np.inf) -> "Decision":
+    def with_held_out(self, best: float, formula: float = -np.inf) -> "Decision":
         """The same once held-out runs have been weighed, where something unknown leads a hypothesis with a name.
 
         Nobody foretells a force without a rule: of something unknown held-out runs are as likely as by calm water, or
         by its formula.
 
         Args:
-            calm: Log evidence of the held-out runs in calm water.
-            best: With the best hypothesis.
-            formula: With the short formula; minus infinity without one.
+            best: Log evidence that the best hypothesis adds to calm water's in the held-out runs.
+            formula: What the short formula adds; minus infinity without one.
 
         Returns:
             The best hypothesis is the first claim if all runs together make it likelier than something unknown.
         """
-        odds = best - max(calm, formula) - self.lead
+        odds = best - max(0.0, formula) - self.lead
         if self.best is None or self.lead <= 0 or odds <= 0:
             return self
         both = self.unknown + min(self.effects[name] for name in self.best.names)
@@ -167,8 +167,8 @@ class Decision:
 
 def decide(result: SearchResult) -> Decision:
     """Weigh all hypotheses, and say what may be claimed."""
-    there = beside(result.likelihood, result.none.hypothesis)
-    result, formula, calm = _by_any_coefficient_prior(result, short_formula(there, result.none))
+    there, calm = beside(result.likelihood, result.none.hypothesis), result.calm_gain
+    formula = _formula(result, there)
     none, data_set = result.none.evidence, result.likelihood.data_set
     # A fitted model has errors that a formula takes up: to be claimed it must hold on other runs first.
     trained = is_fitted(data_set.dynamics)
@@ -209,19 +209,29 @@ def decide(result: SearchResult) -> Decision:
     )
 
 
-def _by_any_coefficient_prior(
-    result: SearchResult, formula: FittedHypothesis | None
-) -> tuple[SearchResult, FittedHypothesis | None, float | None]:
+def _formula(result: SearchResult, there: MarginalLikelihood) -> FittedHypothesis | None:
+    """A short formula for something unknown, found about the states of calm water, weighed as the search is."""
+    found = short_formula(there, result.none)
+    if found is None or result.calm_gain is None:
+        return found
+    gain = gain_by_coefficient_priors(beside(result.likelihood, found.hypothesis).data_set, found)
+    return replace(found, evidence=found.evidence + gain - result.calm_gain)
+
+
+def by_any_coefficient_prior(result: SearchResult) -> SearchResult:
     """The search with what all hypotheses gain beyond calm water where no prior of coefficients is preferred.
 
     That of the runs was chosen for calm water, or for what led by much when the search was half done.
 
+    Args:
+        result: The search, settled.
+
     Returns:
-        The search, what lies behind the first few gaining the least of these; the formula; and what calm water gains,
-        which keeps its evidence. As they were, and None, where calm water is likeliest.
+        It, what lies behind the first few gaining the least of these; calm water keeps its evidence. As it was where
+        calm water is likeliest.
     """
     if max((j.evidence for j in result.fitted), default=-np.inf) <= result.none.evidence:
-        return result, formula, None
+        return result
 
     def gain(j: FittedHypothesis) -> float:
         return gain_by_coefficient_priors(beside(result.likelihood, j.hypothesis).data_set, j)
@@ -235,9 +245,7 @@ def _by_any_coefficient_prior(
     least = min(more.values(), default=0.0)
     weighed = [replace(j, evidence=j.evidence + more.get(way, least)) for j, way in zip(near, ways, strict=True)]
     weighed += [replace(j, evidence=j.evidence + least) for j in rest]
-    if formula is not None:
-        formula = replace(formula, evidence=formula.evidence + gain(formula) - calm)
-    return replace(result, fitted=sorted(weighed, key=lambda j: -j.evidence)), formula, calm
+    return replace(result, fitted=sorted(weighed, key=lambda j: -j.evidence), calm_gain=calm)
 
 
 def _by_usual_receiver(result: SearchResult, best: FittedHypothesis | None, unmodelled: float) -> tuple[float, bool]:

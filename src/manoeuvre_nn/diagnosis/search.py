@@ -55,11 +55,14 @@ class SearchResult:
         none: Calm water alone.
         fitted: Everything else, best first.
         likelihood: Where they were fitted.
+        calm_gain: What calm water gains in log evidence where no prior of the coefficients is preferred, if all others
+            have been weighed by what they gain beyond that; None if they have the prior of the runs.
     """
 
     none: FittedHypothesis
     fitted: list[FittedHypothesis] = field(repr=False)
     likelihood: MarginalLikelihood = field(repr=False)
+    calm_gain: float | None = None
 
 
 def search(

@@ -279,8 +279,6 @@ def runner_up(tried: SearchResult, verdict: Decision) -> list[str]:
     other = next((j for j in tried.fitted if not set(best.names) <= set(j.names)), None)
     if other is None:
         return []
-    # As they were found: that of the best has been weighed with every prior of the coefficients since.
-    best = next((j for j in tried.fitted if j.names == best.names), best)
     gap = best.evidence - other.evidence
     against = f"with {labels(best)} they are explained better still, by {_ln(gap)} ({_odds(gap)})"
     levels = tried.likelihood.data_set.levels
