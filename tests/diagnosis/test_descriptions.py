@@ -122,6 +122,27 @@ def test_something_unknown_is_described_by_a_proved_formula_or_by_what_is_likeli
     assert found is None or (found.frame, found.parity, found.regime) == ("body", "odd", 0.7)
 
 
+@pytest.mark.parametrize("proved, held_out, predictable, refuted", [
+    (False, 8.1, False, False),  # beats of another phase: where and how often they come is right
+    (False, 7.9, True, True),
+    (True, 7.9, True, False),
+    (None, 0.0, True, False),
+])  # fmt: skip
+def test_a_formula_with_which_free_runs_get_worse_tells_where_it_acts_if_held_out_runs_are_much_likelier(
+    monkeypatch, proved, held_out, predictable, refuted
+):
+    told = nature.Nature("periodic", ("N",), Value("amplitude", 8.0, 0.5, "MN m"))
+    monkeypatch.setattr(nature, "is_fitted", lambda dynamics: False)
+    monkeypatch.setattr(nature, "random_force", lambda likelihood, none: SimpleNamespace(evidence=7.0))
+    monkeypatch.setattr(nature, "_by_rule", lambda data_set, one, against: told)
+    monkeypatch.setattr(nature, "shape_of", lambda *_: SimpleNamespace(hard=None, frame="", parity=""))
+    data_set = SimpleNamespace(dynamics=None)
+    tried = SimpleNamespace(likelihood=SimpleNamespace(data_set=data_set), none=SimpleNamespace(evidence=3.0))
+    verdict = SimpleNamespace(formula=SimpleNamespace(evidence=20.0))
+    found = nature.nature_of(tried, verdict, [], proved, held_out)
+    assert (found.predictable, found.refuted) == (predictable, refuted)
+
+
 # What to sail next ---------------------------------------------------------------------------------------------------
 
 

@@ -63,7 +63,7 @@ def decided(question: Question, tried: SearchResult) -> tuple[Decision, Proved]:
     as_fitted = verdict
     if verdict.lead and question.case.held_out:
         asked = filter(None, (verdict.best, verdict.formula))
-        verdict = verdict.with_held_out(*(_held_out_gain(question, tried, j) for j in asked))
+        verdict = verdict.with_held_out(*(held_out_gain(question, tried, j) for j in asked))
     ship = right_ship_check(tried, verdict.formula)
     chosen, proofs, checks = _proved(question, tried, verdict.claims, ship)
     named = verdict.best is not None and set(chosen.names) == set(verdict.best.names)
@@ -73,7 +73,7 @@ def decided(question: Question, tried: SearchResult) -> tuple[Decision, Proved]:
     if not named:
         verdict = as_fitted  # a name that failed the proof makes the unknown no less likely
     rule = verdict.formula if verdict.rests_on_formula and not chosen.names else None
-    if rule is not None and _held_out_gain(question, tried, rule) < REFUTED:
+    if rule is not None and held_out_gain(question, tried, rule) < REFUTED:
         verdict = verdict.without_formula()
         chosen, proofs, more = _proved(question, tried, verdict.claims, ship)
         checks = [*checks, *more]
@@ -90,11 +90,11 @@ def decided(question: Question, tried: SearchResult) -> tuple[Decision, Proved]:
 
 def _outweighed(question: Question, tried: SearchResult, best: FittedHypothesis) -> bool:
     """Whether fitted and held-out runs together make calm water likelier than a hypothesis with a name."""
-    evidence = best.evidence + _held_out_gain(question, tried, best)
+    evidence = best.evidence + held_out_gain(question, tried, best)
     return not likelier_than_calm_water(tried, replace(best, evidence=evidence))
 
 
-def _held_out_gain(question: Question, tried: SearchResult, claim: FittedHypothesis) -> float:
+def held_out_gain(question: Question, tried: SearchResult, claim: FittedHypothesis) -> float:
     """Log evidence that a claim adds to calm water's in the held-out runs."""
     calm = in_held_out_runs(question, tried.none, tried.likelihood.data_set).evidence
     return _held_out_evidence(question, tried, claim) - calm

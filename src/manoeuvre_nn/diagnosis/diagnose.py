@@ -9,7 +9,7 @@ import numpy as np
 from manoeuvre_nn.diagnosis import checks as checking
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.causes import causes_of
-from manoeuvre_nn.diagnosis.claims import Proved, decided, error_after, unit_of_error
+from manoeuvre_nn.diagnosis.claims import Proved, decided, error_after, held_out_gain, unit_of_error
 from manoeuvre_nn.diagnosis.decision import by_any_coefficient_prior
 from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
@@ -59,7 +59,9 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     found = residuals(data_set, chosen.hypothesis, allowed)
     strange = mismatch and set(chosen.names) <= {Formula.name, Remainder.name}
     tested = Formula.name in chosen.names if verdict.formula in verdict.claims and proofs else None
-    nature = nature_of(tried, verdict, found, tested) if strange else None
+    failed = verdict.formula if strange and tested is False else None
+    held_out = 0.0 if failed is None else held_out_gain(question, tried, failed)
+    nature = nature_of(tried, verdict, found, tested, held_out) if strange else None
     causes = causes_of(question, tried, verdict, chosen, nature)
     found = _shaded(found, [c for c in causes if c.name in chosen.names])
     particulars = question.dynamics.particulars

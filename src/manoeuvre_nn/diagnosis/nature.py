@@ -7,6 +7,7 @@ import numpy as np
 import torch
 from jaxtyping import Float
 
+from manoeuvre_nn.diagnosis.claims import SURE_BY_ITSELF
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.locate import in_units, shape_of, unit_forces, units
 from manoeuvre_nn.diagnosis.result import PHASE, Nature, Residual, Value
@@ -37,7 +38,9 @@ MUCH_LIKELIER = 12.0
 """Log evidence by which a formula that failed in runs that were not used is told all the same."""
 
 
-def nature_of(tried: SearchResult, verdict: Decision, found: Sequence[Residual], proved: bool | None) -> Nature | None:
+def nature_of(
+    tried: SearchResult, verdict: Decision, found: Sequence[Residual], proved: bool | None, held_out: float = 0.0
+) -> Nature | None:
     """Say what something unknown is like.
 
     Args:
@@ -45,6 +48,8 @@ def nature_of(tried: SearchResult, verdict: Decision, found: Sequence[Residual],
         verdict: With a formula.
         found: Missing force of the fitted runs.
         proved: Whether the formula predicts runs that were not used; None if that was not tried.
+        held_out: What the log evidence of these runs gains by it: one with enough by itself tells where and how
+            something acts though free runs go further off with it, as far as its phase may be another there.
 
     Returns:
         Its nature: by a formula that is proved, not by one that failed unless it is much likelier, else by the likelier
@@ -66,8 +71,10 @@ def nature_of(tried: SearchResult, verdict: Decision, found: Sequence[Residual],
         return None
     shape = shape_of(data_set, found)
     hard = shape.hard[0] if shape.hard else float("nan")
-    refuted = nature.predictable and proved is False
-    return replace(nature, frame=shape.frame, parity=shape.parity, regime=hard, refuted=refuted)
+    failed = nature.predictable and proved is False
+    borne_out = failed and held_out > SURE_BY_ITSELF
+    told = replace(nature, frame=shape.frame, parity=shape.parity, regime=hard, refuted=failed and not borne_out)
+    return replace(told, predictable=False) if borne_out else told
 
 
 def _by_chance(data_set: WhitenedDataSet, random: RandomCourse, against: float) -> Nature:
