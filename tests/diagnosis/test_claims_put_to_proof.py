@@ -78,12 +78,11 @@ def test_an_event_that_no_held_out_run_had_is_named_by_published_coefficients_al
 SAILED, MORE = Check(REPAIRED_SAILS, True, ""), "more is left than in calm water"
 
 
-def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(), apart=0.0, weighed=None) -> tuple:
+def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(), apart=0.0, asked=None) -> tuple:
     """What is chosen among claims with these gains in held-out runs; errors of effects alone, with corrections.
 
     By themselves, coefficients unknown, held-out runs make each of them so much likelier than calm water (``apart``).
-    Those of ``surplus`` have one effect too many; the first fails the tests ``poor``. What held-out runs say of each
-    is kept in ``weighed``.
+    Those of ``surplus`` have one effect too many; the first fails the tests ``poor``.
     """
     none = fit(100.0)
     acting = Hypothesis((Current(SHIP),), (values(Current(SHIP)),))
@@ -114,10 +113,8 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(
     monkeypatch.setattr(proving.checking, "checks", lambda _, j: failed.get(j.names, []))
     monkeypatch.setattr(proving.checking, "may_be_nothing", lambda j, effect: False)
     monkeypatch.setattr(proving.checking, "more_is_left", lambda _, j: MORE in poor and j.names == claims[0].names)
-    asked, tried = (
-        Mock(workers=1, held_out_evidence={} if weighed is None else weighed, case=Mock(held_out=[1], fitted=[1])),
-        SimpleNamespace(likelihood=Mock(), none=none),
-    )
+    asked = asked or Mock(workers=1, put_to_proof={}, held_out_evidence={}, case=Mock(held_out=[1], fitted=[1]))
+    tried = SimpleNamespace(likelihood=Mock(), none=none)
     return proving._proved(asked, tried, claims, Check(RIGHT_SHIP, RIGHT_SHIP not in poor, ""))
 
 
@@ -138,7 +135,7 @@ def test_of_several_effects_one_that_may_be_nothing_is_left_out(monkeypatch, nam
 
     monkeypatch.setattr(proving, "refine", refine)
     asked, tried = (
-        Mock(workers=1, case=Mock(held_out=[1], fitted=[1])),
+        Mock(workers=1, held_out_evidence={}, put_to_proof={}, case=Mock(held_out=[1], fitted=[1])),
         SimpleNamespace(likelihood=Mock(), none=fit(100.0)),
     )
     tried.none.hypothesis, tried.none.corrections = of_all.hypothesis, np.ones(1)
@@ -250,10 +247,17 @@ def test_held_out_runs_weigh_a_claim_as_it_is_put_to_the_proof(monkeypatch):
     assert question.held_out_evidence == {id(claim): (claim, 5.0)}
 
 
-def test_what_the_proof_says_of_a_claim_is_kept(monkeypatch):
-    weighed, claim = {}, fit(130.0, "current")
-    proved(monkeypatch, [claim], {("current",): 4.0}, {}, weighed=weighed)
-    assert weighed == {id(claim): (claim, 11.0)}
+def test_a_claim_is_put_to_the_proof_once_and_judged_beside_those_that_are_claimed_with_it(monkeypatch):
+    claim, fewer, put, whole = fit(130.0, *TWO), fit(110.0, *ONE), [], proving._put_to_proof
+    monkeypatch.setattr(proving, "_put_to_proof", lambda q, t, c, calm: put.append(c) or whole(q, t, c, calm))
+    asked = Mock(workers=1, put_to_proof={}, held_out_evidence={}, case=Mock(held_out=[1], fitted=[1]))
+    gains = {TWO: 4.0, ONE: 5.0}
+    for surplus, names in (([TWO], ONE), ([], TWO)):
+        found, _, (of_two, *_) = proved(monkeypatch, [claim, fewer], gains, {}, surplus=surplus, asked=asked)
+        assert (found.names, of_two.passed) == (names, not surplus)
+        assert of_two.text.endswith("less than that does as well") is bool(surplus)
+    assert put == [claim, fewer]
+    assert asked.held_out_evidence == {id(claim): (claim, 11.0), id(fewer): (fewer, 12.0)}
 
 
 @pytest.mark.parametrize("alone, corrected, after", [(1.0, 3.0, 1.0), (1.0, 2.05, 2.05), (3.5, 3.0, None)])

@@ -308,6 +308,9 @@ def test_the_runner_up_is_told_with_what_speaks_for_and_against_it():
     ]
     close = runner_up(search(first, judged(COMPASS, evidence=28.0)), verdict(first))
     assert close[1] == "Against it: with a current they are explained better still, by 2.0 (odds 1 to 7.4)."
+    pair = judged(COMPASS, WIND, evidence=31.0)  # of three effects a pair is as likely beforehand as one, by .53 to .10
+    rarer = runner_up(search(pair, first, judged(COMPASS, evidence=20.0), judged(WIND, evidence=1.0)), verdict(first))
+    assert rarer[1] == "Against it: with a current they are explained nearly as well, by fewer effects (odds 1 to 1.9)."
     behind = runner_up(search(first, judged(COMPASS, evidence=-2.0)), verdict(first))
     assert behind[0].startswith("For a compass error nothing speaks")
 

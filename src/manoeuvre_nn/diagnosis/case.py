@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
@@ -37,6 +37,9 @@ from manoeuvre_nn.ship.esso_190k import esso_190k
 from manoeuvre_nn.ship.great_lakes_bulker import great_lakes_bulker
 from manoeuvre_nn.ship.mariner import mariner_corrected
 from manoeuvre_nn.training.settings import expand
+
+if TYPE_CHECKING:
+    from manoeuvre_nn.diagnosis.claims import Tried
 
 SHIPS: Mapping[str, Callable[[], Ship]] = {
     "mariner": mariner_corrected,
@@ -119,6 +122,10 @@ class Question:
         default_factory=dict, init=False, repr=False, compare=False
     )
     """By its id a claim, and the log evidence of the held-out runs under it (:mod:`.claims`)."""
+    put_to_proof: dict[int, tuple[FittedHypothesis, "Tried"]] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
+    """By its id a claim, and what came out when it was put to the proof."""
 
     @cached_property
     def held_out(self) -> MarginalLikelihood:

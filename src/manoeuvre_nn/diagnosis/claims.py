@@ -110,18 +110,21 @@ def _held_out_evidence(question: Question, tried: SearchResult, claim: FittedHyp
 
 def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypothesis], *before_it: Check) -> Proved:
     """The first claim that predicts runs which it has not seen better; calm water if none does."""
-    none, known = tried.none, dict[int, _Tried]()
+    none, known = tried.none, dict[int, Tried]()
     proofs = prove(question, none, none.hypothesis)
     before = _cost(question, [p.rmse_before for p in proofs])
     calm = in_held_out_runs(question, none, tried.likelihood.data_set).evidence
     calm_water = proofs, before, calm
 
-    def put(some: Sequence[FittedHypothesis]) -> list[_Tried]:
-        new = [c for c in some if id(c) not in known]
-        tasks = [partial(_put_to_proof, question, tried, c, claims, calm_water) for c in new]
-        made = shared_out(tasks, question.workers)
-        known.update(zip(map(id, new), made, strict=True))
-        question.held_out_evidence.update({id(c): (c, known[id(c)].evidence - c.evidence) for c in new})
+    def put(some: Sequence[FittedHypothesis]) -> list[Tried]:
+        new = [c for c in some if id(c) not in question.put_to_proof]
+        made = shared_out([partial(_put_to_proof, question, tried, c, calm_water) for c in new], question.workers)
+        for c, found in zip(new, made, strict=True):
+            question.put_to_proof[id(c)] = c, found
+            question.held_out_evidence[id(c)] = c, found.evidence - c.evidence
+        for c in some:
+            if id(c) not in known:
+                known[id(c)] = _beside_fewer(question, tried, claims, *question.put_to_proof[id(c)])
         return [known[id(c)] for c in some]
 
     left, second_best = list(claims), None
@@ -163,7 +166,7 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
 
 
 @dataclass(frozen=True)
-class _Tried:
+class Tried:
     """A claim that was put to the proof.
 
     Attributes:
@@ -192,9 +195,8 @@ def _put_to_proof(
     question: Question,
     tried: SearchResult,
     claim: FittedHypothesis,
-    claims: Sequence[FittedHypothesis],
     calm_water: tuple[list[Proof], float, float],
-) -> _Tried:
+) -> Tried:
     """One claim, against calm water's predictions, their error, and its log evidence in the held-out runs."""
     proofs, before, calm = calm_water
     known, j = _as_put_to_proof(question, tried, claim)
@@ -218,18 +220,24 @@ def _put_to_proof(
     # the model: the likelihood of the recording does not suffer from that.
     likelier = tested and gain > sure and least == REFUTED
     faint = bool(j.random) and fainter_than_at_sea(j)
-    promising = (foretold or likelier) and not faint
-    lasting = promising and _last_effect_helps(question, tried, claim, there.evidence, claims)
-    why = "; gusts at sea are larger" if faint else "; less than that does as well"
-    why = why if foretold and not lasting else ""
     text = (
         f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({unit_of_error(question)}), "
-        f"and the log evidence of the held-out runs by {gain:+.0f}{why}"
+        f"and the log evidence of the held-out runs by {gain:+.0f}{'; gusts at sea are larger' if faint else ''}"
     )
     untested = f"{labels(j)} did not act in a held-out run" if made else "no held-out run"
-    check = Check(GAIN, foretold and lasting, text if tested else f"{untested}: not proved")
-    evidence = claim.evidence + there.evidence
-    return _Tried(j, there.hypothesis, made, check, evidence, likelier and lasting)
+    check = Check(GAIN, foretold and not faint, text if tested else f"{untested}: not proved")
+    return Tried(j, there.hypothesis, made, check, claim.evidence + there.evidence, likelier and not faint)
+
+
+def _beside_fewer(
+    question: Question, tried: SearchResult, claims: Sequence[FittedHypothesis], claim: FittedHypothesis, found: Tried
+) -> Tried:
+    """What was put to the proof: what passed, or is likelier, is refused where a claim of less does as well."""
+    promising = found.check.passed or found.likelier
+    if not promising or _last_effect_helps(question, tried, claim, found.evidence - claim.evidence, claims):
+        return found
+    text = found.check.text + ("; less than that does as well" if found.check.passed else "")
+    return replace(found, check=replace(found.check, passed=False, text=text), likelier=False)
 
 
 def _likelier_by_themselves(question: Question, none: FittedHypothesis, j: FittedHypothesis, least: float) -> bool:

@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from math import log
 from types import MappingProxyType
 
 import numpy as np
 
 from manoeuvre_nn.core.units import three_digits
 from manoeuvre_nn.diagnosis.advise import Ranked, advise
-from manoeuvre_nn.diagnosis.decision import Decision
+from manoeuvre_nn.diagnosis.decision import Decision, base_rate, effects_tried, plausible
 from manoeuvre_nn.diagnosis.locate import PUSHES
 from manoeuvre_nn.diagnosis.next_runs import Plan
 from manoeuvre_nn.diagnosis.result import PHASE, RIGHT_SHIP, USABLE_MODEL, Cause, Check, Nature, Proof, Value
@@ -276,11 +277,14 @@ def runner_up(tried: SearchResult, verdict: Decision) -> list[str]:
     if verdict.unknown >= 0.5:
         against = f"something without a name is likelier ({_percent(verdict.unknown)})"
         return [_for(best, tried), f"Against it: {against}."]
-    other = next((j for j in tried.fitted if not set(best.names) <= set(j.names)), None)
+    other = next((j for j in plausible(tried) if not set(best.names) <= set(j.names)), None)
     if other is None:
         return []
-    gap = best.evidence - other.evidence
+    gap, effects = best.evidence - other.evidence, len(effects_tried(tried))
     against = f"with {labels(best)} they are explained better still, by {_ln(gap)} ({_odds(gap)})"
+    if gap < 0:  # the best one has fewer effects
+        gap += log(base_rate(len(best.names), effects) / base_rate(len(other.names), effects))
+        against = f"with {labels(best)} they are explained nearly as well, by fewer effects ({_odds(gap)})"
     levels = tried.likelihood.data_set.levels
     left, least = levels[other.best[0]].max(), levels[best.best[0]].max()
     if left > 1.5 * least:
