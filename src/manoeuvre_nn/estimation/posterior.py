@@ -120,7 +120,69 @@ def posterior(
         scaled: How many these are; None is all.
 
     Returns:
-        The posterior.
+        The posterior; inner products that are not finite are refused as by :func:`reduced`.
+    """
+    return reduced(gram, log_norm, prior, data, scaled).posterior(scales)
+
+
+@dataclass(frozen=True)
+class Reduced:
+    """Inner products without the unknowns o whose prior is fixed: what recordings say of the others c, whatever theirs.
+
+    Attributes:
+        log_norm: Log normaliser of the samples, less 1/2 log det (G_oo + 1).
+        power: P - g_o^T (G_oo + 1)^-1 g_o.
+        prior: Prior standard deviations of all.
+        inverse: (G_oo + 1)^-1.
+        cross: G_oc.
+        pull: g_o.
+        left: S = G_cc - G_co (G_oo + 1)^-1 G_oc.
+        own: g_c - G_co (G_oo + 1)^-1 g_o.
+    """
+
+    log_norm: float
+    power: float
+    prior: Float[np.ndarray, " m"]
+    inverse: Float[np.ndarray, "o o"]
+    cross: Float[np.ndarray, "o c"]
+    pull: Float[np.ndarray, " o"]
+    left: Float[np.ndarray, "c c"]
+    own: Float[np.ndarray, " c"]
+
+    def posterior(self, scales: Sequence[float] = (1.0,), root: Float[np.ndarray, "c c"] | None = None) -> Posterior:
+        """Combine them with the prior of c.
+
+        Args:
+            scales: Factors on the prior standard deviation of c.
+            root: ``c = R e``, e independent before the recordings are seen: ``R R^T`` is the prior covariance of c at
+                scale 1, and the posterior is that of e, ``S`` being ``R^T S R``; None is c itself.
+
+        Returns:
+            The posterior.
+        """
+        left, own, cross = self.left, self.own, self.cross
+        if root is not None:
+            left, own, cross = root.T @ left @ root, root.T @ own, cross @ root
+        sizes, axes = np.linalg.eigh(0.5 * (left + left.T))
+        sizes, along = np.maximum(sizes, 0.0), axes.T @ own
+        square = np.array(scales)[:, None] ** 2
+        misfit = self.power - (square * along**2 / (1 + square * sizes)).sum(1)
+        evidence = self.log_norm - 0.5 * misfit - 0.5 * np.log1p(square * sizes).sum(1)
+        all_scales = np.array(scales, dtype=float)
+        return Posterior(evidence, misfit, self.prior, all_scales, self.inverse, cross, self.pull, axes, sizes, along)
+
+
+def reduced(
+    gram: Float[np.ndarray, "q q"],
+    log_norm: float,
+    prior: Float[np.ndarray, " m"],
+    data: Float[np.ndarray, " q"],
+    scaled: int | None = None,
+) -> Reduced:
+    """Eliminate the unknowns whose prior is fixed: see :func:`posterior`.
+
+    Returns:
+        What is left of the others.
 
     Raises:
         LinAlgError: If the inner products are not finite.
@@ -136,14 +198,14 @@ def posterior(
     values, vectors = np.linalg.eigh(0.5 * (whole[k:, k:] + whole[k:, k:].T))
     others = np.maximum(values, 0.0) + 1  # what rounding took below the prior is the prior
     inverse = (vectors / others) @ vectors.T
-    left = whole[:k, :k] - cross.T @ inverse @ cross
-    sizes, axes = np.linalg.eigh(0.5 * (left + left.T))
-    sizes, along = np.maximum(sizes, 0.0), axes.T @ (pull[:k] - cross.T @ inverse @ pull[k:])
-    square = np.array(scales)[:, None] ** 2
-    power = float(data @ right) - float(pull[k:] @ inverse @ pull[k:])
-    misfit = power - (square * along**2 / (1 + square * sizes)).sum(1)
-    log_det = np.log(others).sum() + np.log1p(square * sizes).sum(1)
-    evidence = log_norm - 0.5 * misfit - 0.5 * log_det
-    return Posterior(
-        evidence, misfit, prior, np.array(scales, dtype=float), inverse, cross, pull[k:], axes, sizes, along
+    known = inverse @ pull[k:]
+    return Reduced(
+        log_norm=log_norm - 0.5 * float(np.log(others).sum()),
+        power=float(data @ right) - float(pull[k:] @ known),
+        prior=prior,
+        inverse=inverse,
+        cross=cross,
+        pull=pull[k:],
+        left=whole[:k, :k] - cross.T @ inverse @ cross,
+        own=pull[:k] - cross.T @ known,
     )

@@ -14,7 +14,7 @@ from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import joined, summed
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, log_prior_levels, to_prior_means, weighty
-from manoeuvre_nn.estimation.posterior import Posterior, mixture, posterior
+from manoeuvre_nn.estimation.posterior import Posterior, mixture, reduced
 from manoeuvre_nn.estimation.prepared_run import LATENCY_SD, base_columns
 
 COEFFICIENT_PRIORS = tuple(
@@ -22,6 +22,9 @@ COEFFICIENT_PRIORS = tuple(
 )
 """Priors that are tried: forces at any arm to forces at a known arm, missing terms small or large. Where few
 are missing, terms as uncertain as those printed make the scatter of these look smaller than it is."""
+NEGLIGIBLE = 20.0
+"""Log weight by which a part of the mean over priors and levels may lie behind the likeliest to count in it: all that
+do not weigh less than a millionth."""
 
 
 def with_likely_coefficient_prior(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> WhitenedDataSet:
@@ -90,14 +93,14 @@ def over_coefficient_priors(data_set: WhitenedDataSet, fitted: FittedHypothesis,
     """
     usual = weighty(fitted.by_level + log_prior_levels(data_set, PROCESS_PRIOR))
     by_prior = _ByPrior(data_set, about, sorted({level for level, _ in usual}))
-    weights, means, covariances = list[float](), list[Float[np.ndarray, " q"]](), list[Float[np.ndarray, "q q"]]()
-    for kind in COEFFICIENT_PRIORS:
-        root = by_prior.root(kind)
-        for found, of_level in zip(by_prior.posteriors(kind), by_prior.of_levels, strict=True):
-            weights += (found.evidence + of_level).tolist()
-            means += [root @ found.mean(s) for s in range(len(found.evidence))]
-            covariances += [root @ found.covariance(s) @ root.T for s in range(len(found.evidence))]
-    mean, covariance = mixture(softmax(weights), np.array(means), covariances)
+    each = [(by_prior.root(kind), found) for kind in COEFFICIENT_PRIORS for found in by_prior.posteriors(kind)]
+    of_levels = np.tile(by_prior.of_levels, (len(COEFFICIENT_PRIORS), 1))
+    weights = np.array([found.evidence for _, found in each]) + of_levels
+    at = np.nonzero(weights > weights.max() - NEGLIGIBLE)
+    parts = [(*each[k], s) for k, s in zip(*at, strict=True)]
+    means = np.array([root @ found.mean(s) for root, found, s in parts])
+    covariances = [root @ found.covariance(s) @ root.T for root, found, s in parts]
+    mean, covariance = mixture(softmax(weights[at]), means, covariances)
     k, last = len(by_prior.names), len(by_prior.names) + len(data_set.runs)
     change = mean[last:] + to_prior_means(about)
     return replace(
@@ -145,9 +148,12 @@ class _ByPrior:
         # as deviations from their prior means.
         keep = [0, size, *range(1, size), *range(size + 1, size + lin.count)]
         durations = [float(np.ptp(p.linearised.run.time)) for p in data_set.runs]
-        self._data = np.r_[1.0, -1.0, np.zeros(size - 1), -to_prior_means(hypothesis)]
-        self._at = [(gram_at(level)[np.ix_(keep, keep)], data_set.at(level).norm) for level in levels]
+        data = np.r_[1.0, -1.0, np.zeros(size - 1), -to_prior_means(hypothesis)]
         self._prior = np.r_[np.ones(k), np.full(count, LATENCY_SD), hypothesis.prior_sds(durations)]
+        self._at = [
+            reduced(gram_at(level)[np.ix_(keep, keep)], data_set.at(level).norm, self._prior, data, k)
+            for level in levels
+        ]
         self.of_levels = log_prior_levels(data_set, process_prior)[list(levels)]
 
     def root(self, kind: CoefficientPrior) -> Float[np.ndarray, "m m"]:
@@ -158,10 +164,8 @@ class _ByPrior:
 
     def posteriors(self, kind: CoefficientPrior) -> list[Posterior]:
         """With one prior, at every level; of deviations that are independent before the runs are seen."""
-        change, k = np.eye(2 + len(self._prior)), len(self.names)
-        change[2:, 2:] = self.root(kind)
-        turned = [(change.T @ gram @ change, norm) for gram, norm in self._at]
-        return [posterior(*one, self._prior, self._data, COEFFICIENT_SD_LEVELS, k) for one in turned]
+        root = kind.root(self.names)
+        return [one.posterior(COEFFICIENT_SD_LEVELS, root) for one in self._at]
 
     def evidence(self, kind: CoefficientPrior) -> float:
         """Log evidence but for a constant, process noise and the coefficients' standard deviation summed out."""
