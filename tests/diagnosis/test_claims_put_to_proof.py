@@ -6,6 +6,8 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
+from pytest import approx
+from scipy.stats import norm
 from test_decisions_of_the_search import fit
 from trials import SHIP, values
 
@@ -78,11 +80,14 @@ def test_an_event_that_no_held_out_run_had_is_named_by_published_coefficients_al
 SAILED, MORE = Check(REPAIRED_SAILS, True, ""), "more is left than in calm water"
 
 
-def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(), apart=0.0, asked=None) -> tuple:
+def proved(
+    monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(), apart=0.0, asked=None, unsure=False
+) -> tuple:
     """What is chosen among claims with these gains in held-out runs; errors of effects alone, with corrections.
 
     By themselves, coefficients unknown, held-out runs make each of them so much likelier than calm water (``apart``).
-    Those of ``surplus`` have one effect too many; the first fails the tests ``poor``.
+    Those of ``surplus`` have one effect too many; the first fails the tests ``poor``; one alone is ``unsure`` if its
+    size may be nothing by what is asked of it.
     """
     none = fit(100.0)
     acting = Hypothesis((Current(SHIP),), (values(Current(SHIP)),))
@@ -111,7 +116,7 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(
         monkeypatch.setattr(proving, name, made)
     failed = {claims[0].names: [Check(name, False, "") for name in poor if name not in (REPAIRED_SAILS, MORE)]}
     monkeypatch.setattr(proving.checking, "checks", lambda _, j: failed.get(j.names, []))
-    monkeypatch.setattr(proving.checking, "may_be_nothing", lambda j, effect: False)
+    monkeypatch.setattr(proving.checking, "may_be_nothing", lambda j, effect, confidence=0.0: confidence > 0 and unsure)
     monkeypatch.setattr(proving.checking, "more_is_left", lambda _, j: MORE in poor and j.names == claims[0].names)
     asked = asked or Mock(workers=1, put_to_proof={}, held_out_evidence={}, case=Mock(held_out=[1], fitted=[1]))
     tried = SimpleNamespace(likelihood=Mock(), none=none)
@@ -122,10 +127,11 @@ def proved(monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(
     (TWO, None, TWO), (TWO, 1, ("current",)), (TWO, 0, ("log_scale",)), (ONE, 0, ONE),
 ])  # fmt: skip
 def test_of_several_effects_one_that_may_be_nothing_is_left_out(monkeypatch, names, nothing, left):
-    """What is alone is judged by its evidence."""
+    """What is alone is judged by its evidence, and asked for more."""
     of_all = proved(monkeypatch, [fit(150.0, *names)], {names: 30.0}, {})[0]
     assert of_all.names == names
-    monkeypatch.setattr(proving.checking, "may_be_nothing", lambda j, effect: effect == nothing)
+    two_errors = lambda j, effect, confidence=0.0: effect == nothing and not confidence  # noqa: E731
+    monkeypatch.setattr(proving.checking, "may_be_nothing", two_errors)
     monkeypatch.setattr(proving, "MarginalLikelihood", lambda known: None)
     monkeypatch.setattr(Hypothesis, "without", lambda h, number: number)
 
@@ -165,6 +171,24 @@ def test_an_effect_may_be_nothing_within_two_standard_errors_of_its_sizes(effect
     sd = np.full(len(h.vector()), 9.0)
     sd[1 : 1 + len(errors)] = errors
     assert checking.may_be_nothing(FittedHypothesis(h, 9.0, np.zeros((1, 1)), np.diag(sd**2)), 1) is nothing
+
+
+@pytest.mark.parametrize("off, nothing", [(3.5, True), (-3.6, False)])
+def test_alone_an_effect_may_be_nothing_within_three_and_a_half_standard_errors(off, nothing):
+    """One of 25 in 1 % of clean cases: two tails of .0002."""
+    h = Hypothesis((RudderOffset(SHIP),), (np.array([[0.2 * off]]),))
+    fitted = FittedHypothesis(h, 9.0, np.zeros((1, 1)), np.diag([0.04]))
+    assert checking.may_be_nothing(fitted, 0, checking.ALONE_CONFIDENCE) is nothing
+    assert 2 * 25 * norm.sf(3.54) == approx(0.01, rel=0.02)
+
+
+@pytest.mark.parametrize("names, unsure, named", [(ONE, True, False), (ONE, False, True), (TWO, True, True),
+                                                  (RULE, True, True)])  # fmt: skip
+def test_what_is_named_alone_has_a_size_beyond_its_errors(monkeypatch, names, unsure, named):
+    """Of several the others are there; weights of a formula are tied to no effect."""
+    found, _, checks = proved(monkeypatch, [fit(130.0, *names)], {names: 9.0}, {}, unsure=unsure)
+    assert (found.names, checks[0].passed) == (names if named else (), named)
+    assert ("within its errors of none" in checks[0].text) is not named
 
 
 @pytest.mark.parametrize("gain, chosen", [(13.5, "log_scale"), (12.5, "current")])

@@ -31,6 +31,10 @@ NO_LESS = "no less is left than in calm water"
 """Why a claim of events does not even then; of others it is one reason of several."""
 SIZE_CONFIDENCE = 0.954
 """Confidence, two standard errors of one number, at which the sizes of an effect must not be those of none."""
+ALONE_CONFIDENCE = 1 - 0.01 / 25
+"""The same of an effect that is named alone, 3.5 standard errors of one number: in fewer than 1 % of clean cases one of
+some 25 candidates is so large, as with the log evidence that is asked for. Evidence is that of the likeliest noise and
+starts; where the mean over all of them is no larger than its errors, it was these."""
 INDISTINGUISHABLE = 9.0
 """Expected gap, twice the log evidence, below which two effects are reported together."""
 
@@ -93,12 +97,13 @@ def _forms_off(chosen: FittedHypothesis) -> list[tuple[str, float]]:
     return [(name, sds) for name, sds in forms if sds > MAX_FORM_SDS]
 
 
-def may_be_nothing(fitted: FittedHypothesis, effect: int) -> bool:
+def may_be_nothing(fitted: FittedHypothesis, effect: int, confidence: float = SIZE_CONFIDENCE) -> bool:
     """Whether all sizes of an effect are within their errors of those at which it vanishes: ``x^T C^-1 x``.
 
     Args:
         fitted: A hypothesis, averaged over what else may be: at other noise than the likeliest the sizes may be others.
         effect: Number of the effect.
+        confidence: At which they must not be.
 
     Returns:
         False for gusts, whose mean may be small beside them, and for what has no such size (a depth).
@@ -111,7 +116,7 @@ def may_be_nothing(fitted: FittedHypothesis, effect: int) -> bool:
     at = list(sizes)
     off = h.vector()[at] - list(sizes.values())
     square = float(off @ lstsq(fitted.covariance[np.ix_(at, at)], off))
-    return square < float(chi2.ppf(SIZE_CONFIDENCE, len(at)))
+    return square < float(chi2.ppf(confidence, len(at)))
 
 
 def _little_left(tried: SearchResult, chosen: FittedHypothesis) -> Check:

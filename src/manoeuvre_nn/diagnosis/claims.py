@@ -220,13 +220,16 @@ def _put_to_proof(
     # the model: the likelihood of the recording does not suffer from that.
     likelier = tested and gain > sure and least == REFUTED
     faint = bool(j.random) and fainter_than_at_sea(j)
+    by_itself = len(j.names) == 1 and Formula.name not in j.names
+    unsure = by_itself and checking.may_be_nothing(j, 0, checking.ALONE_CONFIDENCE)
+    why = "; gusts at sea are larger" if faint else "; its size is within its errors of none" if unsure else ""
     text = (
         f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({unit_of_error(question)}), "
-        f"and the log evidence of the held-out runs by {gain:+.0f}{'; gusts at sea are larger' if faint else ''}"
+        f"and the log evidence of the held-out runs by {gain:+.0f}{why}"
     )
     untested = f"{labels(j)} did not act in a held-out run" if made else "no held-out run"
-    check = Check(GAIN, foretold and not faint, text if tested else f"{untested}: not proved")
-    return Tried(j, there.hypothesis, made, check, claim.evidence + there.evidence, likelier and not faint)
+    check = Check(GAIN, foretold and not why, text if tested else f"{untested}: not proved{why}")
+    return Tried(j, there.hypothesis, made, check, claim.evidence + there.evidence, likelier and not why)
 
 
 def _beside_fewer(
