@@ -73,8 +73,8 @@ def nature_of(
     hard = shape.hard[0] if shape.hard else float("nan")
     failed = nature.predictable and proved is False
     borne_out = failed and held_out > SURE_BY_ITSELF
-    told = replace(nature, frame=shape.frame, parity=shape.parity, regime=hard, refuted=failed and not borne_out)
-    return replace(told, predictable=False) if borne_out else told
+    told = replace(nature, frame=shape.frame, parity=shape.parity, regime=hard)
+    return replace(told, refuted=failed and not borne_out, predictable=nature.predictable and not borne_out)
 
 
 def _by_chance(data_set: WhitenedDataSet, random: RandomCourse, against: float) -> Nature:

@@ -10,10 +10,64 @@ others and taking the eigenvalues of what is left gives all of this for every fa
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
+
+
+@dataclass(frozen=True)
+class ReducedNormalEquations:
+    """What recordings say of the unknowns c, whatever their prior: the others o, whose prior is fixed, are eliminated.
+
+    Attributes:
+        log_norm: Log normaliser of the samples, less 1/2 log det (G_oo + 1).
+        power: P - g_o^T (G_oo + 1)^-1 g_o.
+        prior: Prior standard deviations of all.
+        inverse: (G_oo + 1)^-1.
+        cross: G_oc.
+        pull: g_o.
+        left: S = G_cc - G_co (G_oo + 1)^-1 G_oc.
+        own: g_c - G_co (G_oo + 1)^-1 g_o.
+    """
+
+    log_norm: float
+    power: float
+    prior: Float[np.ndarray, " m"]
+    inverse: Float[np.ndarray, "o o"]
+    cross: Float[np.ndarray, "o c"]
+    pull: Float[np.ndarray, " o"]
+    left: Float[np.ndarray, "c c"]
+    own: Float[np.ndarray, " c"]
+
+    def by(self, root: Float[np.ndarray, "c c"]) -> "ReducedNormalEquations":
+        """The same for other unknowns e, ``c = R e``: independent ones where ``R R^T`` is the prior covariance of c.
+
+        Args:
+            root: R.
+
+        Returns:
+            With ``R^T S R``.
+        """
+        left, own = root.T @ self.left @ root, root.T @ self.own
+        return replace(self, left=left, own=own, cross=self.cross @ root)
+
+    def posterior(self, scales: Sequence[float] = (1.0,)) -> "Posterior":
+        """Combine them with the prior of c.
+
+        Args:
+            scales: Factors on its standard deviation.
+
+        Returns:
+            The posterior.
+        """
+        sizes, axes = np.linalg.eigh(0.5 * (self.left + self.left.T))
+        sizes, along = np.maximum(sizes, 0.0), axes.T @ self.own
+        factors = np.array(scales, dtype=float)
+        square = factors[:, None] ** 2
+        misfit = self.power - (square * along**2 / (1 + square * sizes)).sum(1)
+        evidence = self.log_norm - 0.5 * misfit - 0.5 * np.log1p(square * sizes).sum(1)
+        return Posterior(evidence, misfit, factors, axes, sizes, along, self)
 
 
 @dataclass(frozen=True)
@@ -25,26 +79,20 @@ class Posterior:
     Attributes:
         evidence: Log marginal likelihood at every scale.
         misfit: Square of what is left of the data in its own metric, at every scale.
-        prior: Prior standard deviations at scale 1.
         scales: The scales.
-        inverse: (G_oo + 1)^-1.
-        cross: G_oc.
-        pull: g_o.
-        axes: Eigenvectors of S = G_cc - G_co (G_oo + 1)^-1 G_oc.
+        axes: Eigenvectors of S, what is left of G_cc.
         sizes: Its eigenvalues.
-        along: g_c - G_co (G_oo + 1)^-1 g_o along the eigenvectors.
+        along: What is left of g_c, along the eigenvectors.
+        equations: What they follow from.
     """
 
     evidence: Float[np.ndarray, " s"]
     misfit: Float[np.ndarray, " s"]
-    prior: Float[np.ndarray, " m"]
     scales: Float[np.ndarray, " s"]
-    inverse: Float[np.ndarray, "o o"]
-    cross: Float[np.ndarray, "o c"]
-    pull: Float[np.ndarray, " o"]
     axes: Float[np.ndarray, "c c"]
     sizes: Float[np.ndarray, " c"]
     along: Float[np.ndarray, " c"]
+    equations: ReducedNormalEquations
 
     def _variances(self, scale: int) -> Float[np.ndarray, " c"]:
         """Posterior variances of c along the eigenvectors: (S + scale^-2)^-1."""
@@ -67,16 +115,17 @@ class Posterior:
     def mean(self, scale: int = 0) -> Float[np.ndarray, " m"]:
         """Most likely deviations."""
         c = self.axes @ (self._variances(scale) * self.along)
-        return np.concatenate([c, self.inverse @ (self.pull - self.cross @ c)]) * self.prior
+        known = self.equations
+        return np.concatenate([c, known.inverse @ (known.pull - known.cross @ c)]) * known.prior
 
     def covariance(self, scale: int = 0) -> Float[np.ndarray, "m m"]:
         """Covariance of the unknowns."""
         # With K = (G_oo + 1)^-1 G_oc: [[C, -C K^T], [-K C, (G_oo + 1)^-1 + K C K^T]].
-        c = (self.axes * self._variances(scale)) @ self.axes.T
-        follow = self.inverse @ self.cross
+        c, known = (self.axes * self._variances(scale)) @ self.axes.T, self.equations
+        follow = known.inverse @ known.cross
         below = -follow @ c
-        whole = np.block([[c, below.T], [below, self.inverse - below @ follow.T]])
-        return whole * self.prior[:, None] * self.prior
+        whole = np.block([[c, below.T], [below, known.inverse - below @ follow.T]])
+        return whole * known.prior[:, None] * known.prior
 
 
 def mixture(
@@ -125,60 +174,13 @@ def posterior(
     return reduced(gram, log_norm, prior, data, scaled).posterior(scales)
 
 
-@dataclass(frozen=True)
-class Reduced:
-    """Inner products without the unknowns o whose prior is fixed: what recordings say of the others c, whatever theirs.
-
-    Attributes:
-        log_norm: Log normaliser of the samples, less 1/2 log det (G_oo + 1).
-        power: P - g_o^T (G_oo + 1)^-1 g_o.
-        prior: Prior standard deviations of all.
-        inverse: (G_oo + 1)^-1.
-        cross: G_oc.
-        pull: g_o.
-        left: S = G_cc - G_co (G_oo + 1)^-1 G_oc.
-        own: g_c - G_co (G_oo + 1)^-1 g_o.
-    """
-
-    log_norm: float
-    power: float
-    prior: Float[np.ndarray, " m"]
-    inverse: Float[np.ndarray, "o o"]
-    cross: Float[np.ndarray, "o c"]
-    pull: Float[np.ndarray, " o"]
-    left: Float[np.ndarray, "c c"]
-    own: Float[np.ndarray, " c"]
-
-    def posterior(self, scales: Sequence[float] = (1.0,), root: Float[np.ndarray, "c c"] | None = None) -> Posterior:
-        """Combine them with the prior of c.
-
-        Args:
-            scales: Factors on the prior standard deviation of c.
-            root: ``c = R e``, e independent before the recordings are seen: ``R R^T`` is the prior covariance of c at
-                scale 1, and the posterior is that of e, ``S`` being ``R^T S R``; None is c itself.
-
-        Returns:
-            The posterior.
-        """
-        left, own, cross = self.left, self.own, self.cross
-        if root is not None:
-            left, own, cross = root.T @ left @ root, root.T @ own, cross @ root
-        sizes, axes = np.linalg.eigh(0.5 * (left + left.T))
-        sizes, along = np.maximum(sizes, 0.0), axes.T @ own
-        square = np.array(scales)[:, None] ** 2
-        misfit = self.power - (square * along**2 / (1 + square * sizes)).sum(1)
-        evidence = self.log_norm - 0.5 * misfit - 0.5 * np.log1p(square * sizes).sum(1)
-        all_scales = np.array(scales, dtype=float)
-        return Posterior(evidence, misfit, self.prior, all_scales, self.inverse, cross, self.pull, axes, sizes, along)
-
-
 def reduced(
     gram: Float[np.ndarray, "q q"],
     log_norm: float,
     prior: Float[np.ndarray, " m"],
     data: Float[np.ndarray, " q"],
     scaled: int | None = None,
-) -> Reduced:
+) -> ReducedNormalEquations:
     """Eliminate the unknowns whose prior is fixed: see :func:`posterior`.
 
     Returns:
@@ -199,7 +201,7 @@ def reduced(
     others = np.maximum(values, 0.0) + 1  # what rounding took below the prior is the prior
     inverse = (vectors / others) @ vectors.T
     known = inverse @ pull[k:]
-    return Reduced(
+    return ReducedNormalEquations(
         log_norm=log_norm - 0.5 * float(np.log(others).sum()),
         power=float(data @ right) - float(pull[k:] @ known),
         prior=prior,

@@ -165,7 +165,7 @@ class _ByPrior:
     def posteriors(self, kind: CoefficientPrior) -> list[Posterior]:
         """With one prior, at every level; of deviations that are independent before the runs are seen."""
         root = kind.root(self.names)
-        return [one.posterior(COEFFICIENT_SD_LEVELS, root) for one in self._at]
+        return [one.by(root).posterior(COEFFICIENT_SD_LEVELS) for one in self._at]
 
     def evidence(self, kind: CoefficientPrior) -> float:
         """Log evidence but for a constant, process noise and the coefficients' standard deviation summed out."""
