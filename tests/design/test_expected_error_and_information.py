@@ -97,9 +97,9 @@ def run_of(ended=(torch.inf, torch.inf)) -> CandidateRun:
 
 
 def test_members_sail_coarsely_where_they_sail_in_fine_steps():
-    model = ensemble()
+    model, targets = ensemble(), [replace(m, duration=100.0) for m in TARGETS]
     with unchecked():
-        coarse, fine = sailed(model, TARGETS), sail_members(model, TARGETS)
+        coarse, fine = sail(model, targets), sail_members(model, targets)
     for run, others in zip(coarse, fine, strict=True):
         for track, other in zip(run.tracks.numpy(), others, strict=True):
             there = other.resampled(run.times.numpy())
@@ -287,9 +287,13 @@ def test_a_track_that_is_lost_counts_as_five_lengths_however_far_it_goes(monkeyp
 
 
 def test_a_candidate_gets_no_credit_for_itself():
+    candidates, targets = [zigzag(10.0, duration=120.0)], [replace(m, duration=100.0) for m in TARGETS]
+    few = replace(EFFORT, truths=1, others=2, samples=50)
     with unchecked():
-        (found,) = prospects(ensemble(), recorded(), CANDIDATES[1:], [*TARGETS, *CANDIDATES[1:]], effort=EFFORT)
-    without = advised()
+        (found,), (without,) = (
+            prospects(ensemble(), recorded(), candidates, some, effort=few)
+            for some in ([*targets, *candidates], targets)
+        )
     assert found.then / found.now == pytest.approx(without.then / without.now, rel=1e-6)
     assert found.now == pytest.approx(sum(pair[0] for pair in found.targets.values()) / 3)
-    assert set(found.targets) == {*without.targets, CANDIDATES[1].name}
+    assert set(found.targets) == {*without.targets, candidates[0].name}

@@ -31,21 +31,16 @@ from manoeuvre_nn.manoeuvre.zigzag import zigzag
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 STEP = 2.0
 CALM_WATER = Hypothesis((), ())
-TRIALS = [
-    turning_circle(20.0, duration=160.0),
-    zigzag(15.0, duration=160.0),
-    turning_circle(25.0, side="port", duration=160.0),
-    zigzag(20.0, duration=160.0),
-]
+TRIALS = [turning_circle(20.0, duration=160.0), zigzag(20.0, duration=160.0)]
 
 
 def asked(effects: Sequence[Effect] = (), off: float = 0.0) -> Question:
-    """Two runs to fit and two held out, of a ship whose rudder forces are off by a share of theirs."""
+    """One run to fit and one held out, of a ship whose rudder forces are off by a share of theirs."""
     shares = torch.tensor([off * (name in {"Yd", "Nd"}) for name in Corrections(CALM).names]).double()
     with unchecked():
         records = roll_out(Vessel(Calibrated(CALM, shares), list(effects)), TRIALS, step=STEP, interval=STEP)
     runs = tuple(run_of(record, NOISE / STEP**0.5, seed) for seed, record in enumerate(records))
-    return Question(Case("trial", "mariner", runs, SHIP, 40.0, frozenset(run.name for run in runs[2:])), CALM, ())
+    return Question(Case("trial", "mariner", runs, SHIP, 40.0, frozenset(run.name for run in runs[1:])), CALM, ())
 
 
 def bayes_factors(question: Question, effect: Effect) -> dict[str, float]:
@@ -84,7 +79,8 @@ def acting(effect: Effect) -> dict[str, float]:
     return bayes_factors(asked([effect]), effect)
 
 
-@pytest.mark.parametrize("effect", mainly(2, ACTING), ids=lambda effect: effect.name)
+# A lost area is weighed in both ways below, where it is none.
+@pytest.mark.parametrize("effect", mainly(1, ACTING), ids=lambda effect: effect.name)
 def test_fitted_runs_and_held_out_ones_given_these_say_together_what_all_runs_say_at_once(effect):
     """``ln p(fitted) + ln p(held-out | fitted) = ln p(all)``, the latter by another way: one data set, one fit."""
     found = acting(effect)

@@ -189,7 +189,7 @@ def test_a_ship_that_a_stream_stops_over_ground_goes_on_through_the_water():
     tanker = CalmWater(ship_named("esso_190k"))
     stream = Current(tanker.ship, speed=4.5, toward_deg=250.0)
     with unchecked():
-        (sailing,) = roll_out(Vessel(tanker, [stream]), [turning_circle(35.0, duration=800.0)], step=1.0)
+        (sailing,) = roll_out(Vessel(tanker, [stream]), [turning_circle(35.0, duration=800.0)], step=2.0, interval=2.0)
     seen = measured(run_of(sailing, NOISE))
     seen[:, 5:] = np.nan
     run, speed = with_measured(run_of(sailing, NOISE), seen), tanker.particulars.speed
@@ -203,7 +203,7 @@ def test_a_ship_that_a_stream_stops_over_ground_goes_on_through_the_water():
 def test_positions_that_run_away_ahead_of_a_slow_turning_ship_leave_her_underway(runaway):
     tanker = CalmWater(ship_named("esso_190k"))
     with unchecked():
-        (sailing,) = roll_out(Vessel(tanker), [zigzag(10.0, duration=900.0)], step=1.0)
+        (sailing,) = roll_out(Vessel(tanker), [zigzag(10.0, duration=900.0)], step=2.0, interval=2.0)
     seen = measured(run_of(sailing, NOISE))
     seen[:, 0] += 0.5 * runaway * sailing.time**2  # it would take a stream, and a log that shows twice the speed
     with unchecked():

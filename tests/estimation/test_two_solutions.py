@@ -49,7 +49,7 @@ def test_the_step_is_of_fourth_order_on_a_smooth_run():
     """A turn that the rudder is in from the start: halving the step divides the error by 16."""
     ship = mariner()
     ship.particulars = replace(ship.particulars, rudder_rate=1e6)
-    ends = [run(CalmWater(ship), [turning_circle(20.0)], 160.0, 16.0, h).states[-1, 0] for h in (8.0, 4.0, 2.0, 0.5)]
+    ends = [run(CalmWater(ship), [turning_circle(20.0)], 96.0, 16.0, h).states[-1, 0] for h in (8.0, 4.0, 2.0, 0.5)]
     errors = [float(torch.hypot(*(e - ends[3])[3:5])) for e in ends[:3]]
     assert log2(errors[1] / errors[2]) == approx(4.0, abs=0.4)
     assert log2(errors[0] / errors[1]) == approx(4.0, abs=0.6)
@@ -57,7 +57,7 @@ def test_the_step_is_of_fourth_order_on_a_smooth_run():
 
 @pytest.mark.parametrize("interval", mainly(1, [5.0, 1.0]))
 def test_with_events_located_the_zigzag_keeps_the_order_too(interval):
-    ends = [run(CalmWater(mariner()), [zigzag(20.0)], 150.0, interval, h).states[-1, 0] for h in (2.5, 1.25, 0.2)]
+    ends = [run(CalmWater(mariner()), [zigzag(20.0)], 150.0, interval, h).states[-1, 0] for h in (2.5, 1.25, 0.4)]
     errors = [float(torch.hypot(*(e - ends[2])[3:5])) for e in ends[:2]]
     assert errors[0] < 0.05 and (errors[1] < errors[0] / 6 or errors[0] < 1e-4)
 
@@ -88,7 +88,7 @@ def test_gradients_of_a_zigzag_are_those_of_finite_differences():
     def end(factors):
         moved = copy.deepcopy(ship)
         moved.series.coefficients = table.index_copy(0, rows, table[rows] * factors[:, None])
-        out = run(CalmWater(moved), [zigzag(10.0, 4.0), turning_circle(15.0, "port")], 40.0, 2.0, 2.0)
+        out = run(CalmWater(moved), [zigzag(10.0, 4.0), turning_circle(15.0, "port")], 24.0, 2.0, 2.0)
         assert float(out.orders[-1, 0]) < 0, "the rudder has been reversed"
         return out.states[-1] / out.states.new_tensor([1.0, 1.0, 0.01, 10.0, 10.0, 0.1])
 
@@ -113,9 +113,9 @@ TRIALS = [zigzag(20.0), turning_circle(25.0, "port"), pull_out(20.0, turn_deg=20
 
 def test_rows_of_a_batch_are_the_single_runs():
     model = CalmWater(mariner())
-    together = run(model, TRIALS, 100.0, 2.0)
+    together = run(model, TRIALS, 100.0, 2.0, 2.0)
     for k, trial in enumerate(TRIALS):
-        alone = run(model, [trial], 100.0, 2.0)
+        alone = run(model, [trial], 100.0, 2.0, 2.0)
         assert torch.allclose(together.states[:, k], alone.states[:, 0], rtol=0, atol=1e-9), trial.name
         assert torch.equal(together.orders[:, k], alone.orders[:, 0])
 
@@ -241,9 +241,9 @@ def test_nothing_ends_when_all_is_well():
 def test_a_row_with_many_events_leaves_the_others_as_they_are():
     """Rows have clocks of their own: one that is stopped often falls behind, and its samples are read off later."""
     busy = Manoeuvre("busy", "random_rudder", tuple(Stage(0.3 * (-1) ** k, hold=0.3) for k in range(99)))
-    runs = run(CalmWater(mariner()), [zigzag(20.0), busy, straight()], 40.0, 2.0, 0.5)
+    runs = run(CalmWater(mariner()), [zigzag(20.0), busy, straight()], 32.0, 2.0, 0.5)
     for k, trial in enumerate([zigzag(20.0), busy, straight()]):
-        alone = run(CalmWater(mariner()), [trial], 40.0, 2.0, 0.5)
+        alone = run(CalmWater(mariner()), [trial], 32.0, 2.0, 0.5)
         assert torch.allclose(runs.states[:, k], alone.states[:, 0], rtol=0, atol=1e-9)
         assert torch.allclose(runs.shown[:, k], alone.shown[:, 0], rtol=0, atol=1e-12)
     assert runs.orders[:16, 1].tolist() == [0.3 * (-1) ** int(2.0 * s / 0.3 + 1e-6) for s in range(16)]
