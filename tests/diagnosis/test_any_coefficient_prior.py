@@ -1,6 +1,7 @@
 """No prior of the coefficients' errors is preferred: hypotheses are weighed with all of them, calm water too."""
 
 from dataclasses import replace
+from functools import cache
 from itertools import combinations
 from types import SimpleNamespace
 
@@ -24,6 +25,7 @@ from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
 from manoeuvre_nn.estimation.corrections import CoefficientPrior
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.hypothesis_columns import HypothesisColumns
 from manoeuvre_nn.estimation.marginal_likelihood import (
     PROCESS_PRIOR,
     MarginalLikelihood,
@@ -31,7 +33,7 @@ from manoeuvre_nn.estimation.marginal_likelihood import (
     to_prior_means,
     weighty,
 )
-from manoeuvre_nn.estimation.prepared_run import base_columns
+from manoeuvre_nn.estimation.prepared_run import PreparedRun, base_columns
 from manoeuvre_nn.estimation.prior_average import (
     COEFFICIENT_PRIORS,
     gain_by_coefficient_priors,
@@ -42,21 +44,39 @@ pytestmark = pytest.mark.usefixtures("unchecked_types")
 LEVEL = 4
 
 
+@cache
+def _whole() -> list[PreparedRun]:
+    return [replace(p, base=base_columns(CALM, p.linearised)) for p in stand("wind").runs]
+
+
+def _blown(speed: float) -> Hypothesis:
+    return hypothesis(SteadyWind(SHIP, speed=speed, from_deg=80.0)) if speed else Hypothesis((), ())
+
+
+@cache
+def _whitened_with(prior: CoefficientPrior, speed: float) -> tuple[MarginalLikelihood, HypothesisColumns | None]:
+    likelihood = MarginalLikelihood(WhitenedDataSet(CALM, _whole(), prior))
+    return likelihood, likelihood.columns(_blown(speed)) if speed else None
+
+
+@cache
+def _with_prior(prior: CoefficientPrior, speed: float, level: int) -> np.ndarray:
+    """Log evidence at every standard deviation of the coefficients: the same whichever prior the runs have."""
+    likelihood, columns = _whitened_with(prior, speed)
+    return likelihood.posterior(columns, level).evidence
+
+
 @pytest.mark.parametrize("own", [CoefficientPrior(), CoefficientPrior(0.6, 3.0)])
 @pytest.mark.parametrize("speed", mainly(1, [5.0, 0.0]))
 def test_the_gain_is_the_mean_over_runs_that_were_made_with_each_prior(own, speed):
     """A second route: runs whitened anew with each of them, noise levels summed out."""
-    whole = [replace(p, base=base_columns(CALM, p.linearised)) for p in stand("wind").runs]
-    data_set = WhitenedDataSet(CALM, whole, own)
-    h = hypothesis(SteadyWind(SHIP, speed=speed, from_deg=80.0)) if speed else Hypothesis((), ())
-
+    data_set = WhitenedDataSet(CALM, _whole(), own)
+    h = _blown(speed)
     beside = data_set.levels.beside(LEVEL)
 
     def evidence(prior: CoefficientPrior, levels=beside, of: float | None = PROCESS_PRIOR) -> float:
-        likelihood = MarginalLikelihood(WhitenedDataSet(CALM, whole, prior))
-        columns = likelihood.columns(h) if speed else None
         of_levels = log_prior_levels(data_set, of)
-        return float(logsumexp([likelihood.posterior(columns, g).evidence + of_levels[g] for g in levels]))
+        return float(logsumexp([_with_prior(prior, speed, g) + of_levels[g] for g in levels]))
 
     at = replace(MarginalLikelihood(data_set).evaluate(h, around=LEVEL), hypothesis=h, best=(LEVEL, 2))
     each = [evidence(prior) for prior in COEFFICIENT_PRIORS]
@@ -71,13 +91,12 @@ def test_the_gain_is_the_mean_over_runs_that_were_made_with_each_prior(own, spee
 
 def test_values_and_errors_hold_for_all_priors_by_the_law_of_total_variance():
     """A second route: runs whitened anew with each of them, every level of both deviations a part of the mixture."""
-    whole = [replace(p, base=base_columns(CALM, p.linearised)) for p in stand("wind").runs]
-    data_set = WhitenedDataSet(CALM, whole, CoefficientPrior(0.9, 0.3))
+    data_set = WhitenedDataSet(CALM, _whole(), CoefficientPrior(0.9, 0.3))
     about = hypothesis(TrimChange(SHIP, trim_m=1.0))
     at = MarginalLikelihood(data_set).evaluate(about, around=LEVEL)
     of_levels, weights, values, variances = log_prior_levels(data_set, PROCESS_PRIOR), [], [], []
     for prior in COEFFICIENT_PRIORS:
-        likelihood = MarginalLikelihood(WhitenedDataSet(CALM, whole, prior))
+        likelihood = MarginalLikelihood(WhitenedDataSet(CALM, _whole(), prior))
         for g in sorted({g for g, _ in weighty(at.by_level + of_levels)}):
             found = likelihood.posterior(likelihood.columns(about), g)
             weights += (found.evidence + of_levels[g]).tolist()

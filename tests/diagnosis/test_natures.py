@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 from pytest import approx
-from strangers import SHIP, Stranger, asked, calm_only, of, periodic, ramp, strange_runs
+from strangers import SHIP, STEP, Stranger, asked, calm_only, of, periodic, ramp, strange_runs
 from tiers import mainly
 
 from manoeuvre_nn.diagnosis.answers import answer
@@ -21,7 +21,7 @@ from manoeuvre_nn.diagnosis.words import nature_sentence
 from manoeuvre_nn.effect.common import typical
 from manoeuvre_nn.scoring.free_runs import cost
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
+pytestmark = pytest.mark.usefixtures("unchecked_types", "few_draws")
 
 
 def closed(d: Diagnosis) -> float:
@@ -90,10 +90,10 @@ def test_a_side_force_that_follows_the_rudder_late_has_its_memory():
     assert closed(d) > 0.8 and "follows the motion late" in d.sentence
 
 
-@pytest.mark.parametrize("time, seed", mainly(2, [(6.0, 7), (80.0, 7), (25.0, 7), (6.0, 8), (80.0, 8), (25.0, 8)]))
+@pytest.mark.parametrize("time, seed", mainly(1, [(80.0, 7), (6.0, 7), (25.0, 7), (6.0, 8), (80.0, 8), (25.0, 8)]))
 def test_a_random_yaw_moment_has_its_size_and_its_correlation_time(time, seed):
     """L/U0, at which its fit begins, is 20 s."""
-    tried = calm_only(asked(strange_runs(seed, random=[(0.2, "N", time)], step=1.0)))
+    tried = calm_only(asked(strange_runs(seed, random=[(0.2, "N", time)], step=min(STEP, time / 3))))
     found = random_force(tried.likelihood, tried.none)
     assert found.axes == (2,) and found.evidence > tried.none.evidence + 7
     off = np.log([found.size / 0.2, found.time / time]) / found.errors

@@ -41,6 +41,22 @@ COMPASS = HeadingBias(SHIP, bias_deg=3.0)
 NOTHING = FittedHypothesis(Hypothesis((), ()), 0.0, np.zeros((1, 1)), np.eye(1))
 
 
+@pytest.fixture
+def few_manoeuvres(monkeypatch):
+    """Of all that is tried a straight run and a zigzag alone, on every heading and at half speed."""
+    every, few = next_runs._manoeuvres, {"a straight run", "a 20/20 zigzag, first to port,"}
+    monkeypatch.setattr(next_runs, "_manoeuvres", lambda limit: {w: m for w, m in every(limit).items() if w in few})
+    ranked.cache_clear()
+    yield
+    ranked.cache_clear()
+
+
+@pytest.fixture
+def short_runs(monkeypatch):
+    """All that is tried, half as long."""
+    monkeypatch.setattr(next_runs, "LENGTHS", 0.5 * next_runs.LENGTHS)
+
+
 def judged(*effects: Effect, evidence: float = 0.0, best: tuple[int, int] = (0, 1)) -> FittedHypothesis:
     """Effects at their own values in one run."""
     h = Hypothesis(effects, tuple(values(e) for e in effects))
@@ -96,6 +112,7 @@ def test_it_is_what_the_evidence_of_noise_free_data_falls_by_when_the_truth_is_t
     assert apart(place, judged(CURRENT).hypothesis, NOTHING.hypothesis, (level, scatter)) == approx(0.5 * misfit)
 
 
+@pytest.mark.usefixtures("short_runs")
 def test_hypotheses_that_act_alike_are_told_apart_by_no_run():
     runs = ranked(stand(), CURRENT, CURRENT)
     assert len(runs) > 40 and all(expected == approx(0.0, abs=1e-9) for expected, _ in runs)
@@ -125,6 +142,7 @@ def test_five_times_the_noise_leaves_a_twenty_fifth(monkeypatch):
     assert much / little == approx(25.0, rel=0.15) and little > 0.01
 
 
+@pytest.mark.usefixtures("few_manoeuvres")
 def test_a_current_across_is_told_from_a_compass_error_by_another_heading():
     """On one heading both are an angle between heading and course; on the opposite one the current's angle turns."""
     runs = ranked(stand("straight", CURRENT), CURRENT, COMPASS)
@@ -159,6 +177,7 @@ def test_a_rudder_offset_looks_the_same_on_all_headings():
     assert gains == approx([gains[0]] * 4, rel=0.02) and gains[0] > 1
 
 
+@pytest.mark.usefixtures("short_runs")
 @pytest.mark.parametrize("effect", mainly(1, [WIND, None, CURRENT, RudderOffset(SHIP, offset_deg=2.0)]))
 def test_simulated_runs_obey_the_equations_by_which_they_are_judged(effect):
     """What a step of calm water from each state misses is what the hypothesis adds; at half speed too."""
@@ -177,12 +196,14 @@ def test_simulated_runs_obey_the_equations_by_which_they_are_judged(effect):
             assert (line.track[-1, 5] > line.track[0, 5]) == plan.words.endswith("starboard")
 
 
+@pytest.mark.usefixtures("few_manoeuvres")
 def test_at_half_speed_the_ship_keeps_about_half_its_speed():
     plan = next(p for p in new_runs(stand(), Hypothesis((), ())) if p.words == "a straight run" and p.share == HALF)
     assert plan.prepared.linearised.track[-1, 0] == approx(HALF * SHIP.particulars.speed, rel=0.25)
     assert (plan.prepared.linearised.run["shaft"] == HALF).all()
 
 
+@pytest.mark.usefixtures("few_manoeuvres")
 def test_simulated_runs_have_the_channels_of_the_recorded_ones_and_the_noise_of_their_means():
     deaf = stand("straight", FOLLOWING, log=False)
     plan = next(iter(new_runs(deaf, Hypothesis((), ()))))
@@ -217,6 +238,7 @@ def verdict(best: FittedHypothesis, **effects: float) -> SimpleNamespace:
     return SimpleNamespace(best=best, effects=effects, named=True, strange=False, unknown=0.0)
 
 
+@pytest.mark.usefixtures("few_manoeuvres")
 def test_the_sentence_names_the_run_its_heading_and_what_is_expected_of_it():
     first, second = judged(CURRENT, evidence=30.0), judged(COMPASS, evidence=28.8)
     (said,), advised = next_steps(search(first, second), verdict(first, current=0.7, heading_bias=0.28), first, True)
@@ -261,6 +283,7 @@ def test_beside_a_run_on_another_heading_one_on_any_is_told_if_it_tells_enough(m
     assert said.endswith(f"these recordings: 1.0){also}.") and advised is circle
 
 
+@pytest.mark.usefixtures("few_manoeuvres")
 def test_a_run_that_ends_in_less_than_half_of_its_time_is_not_advised(monkeypatch):
     """The first of the runs ends at .45 of the time, the second at .55."""
     whole = next_runs.rollout

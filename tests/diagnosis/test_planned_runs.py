@@ -102,6 +102,7 @@ def test_predictions_have_the_errors_of_coefficients_that_the_fitted_runs_do_not
         known = forecast.known_of(data_set, MarginalLikelihood(data_set).evaluate(nothing))
         errors = 0.1 * np.random.default_rng(2).standard_normal(len(data_set.rotation))
         monkeypatch.setattr(forecast, "unseen_scatter", lambda *_: errors)
+        monkeypatch.setattr(forecast, "DRAWS", 10)  # the first is looked at
         ((drawn, *_),) = forecast.drawn_tables(known, nothing, turn, case.warmup)
         combinations = known.mean[: data_set.combinations]
         alike, without = (

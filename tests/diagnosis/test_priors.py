@@ -114,8 +114,8 @@ def test_a_coupling_that_is_there_is_found():
                   for n in Corrections(CALM).names]  # fmt: skip
         ship = Calibrated(CALM, torch.tensor(shares, dtype=torch.float64))
         with unchecked():
-            tracks = roll_out(Vessel(ship), [CIRCLE, ZIGZAG], step=1.0)
-        data_set = whitened_data_set(CALM, [run_of(track, NOISE) for track in tracks])
+            tracks = roll_out(Vessel(ship), [CIRCLE, ZIGZAG], step=STEP, interval=STEP)
+        data_set = whitened_data_set(CALM, [run_of(track, NOISE / STEP**0.5) for track in tracks])
         chosen[sign] = with_likely_coefficient_prior(
             data_set, MarginalLikelihood(data_set).evaluate(NONE)
         ).coefficient_prior.coupling
@@ -126,8 +126,8 @@ def test_the_likeliest_prior_of_coefficients_is_the_same_from_whichever_noise_it
     """A term is missing that process noise may stand for: about much of it missing terms are likelier to be small."""
     shares = torch.tensor([0.6 if n == "N+uuv" else 0.0 for n in Corrections(CALM).names], dtype=torch.float64)
     with unchecked():
-        tracks = roll_out(Vessel(Calibrated(CALM, shares)), [CIRCLE, ZIGZAG], step=1.0)
-    data_set = whitened_data_set(CALM, [run_of(track, NOISE) for track in tracks])
+        tracks = roll_out(Vessel(Calibrated(CALM, shares)), [CIRCLE, ZIGZAG], step=STEP, interval=STEP)
+    data_set = whitened_data_set(CALM, [run_of(track, NOISE / STEP**0.5) for track in tracks])
     found = MarginalLikelihood(data_set).evaluate(NONE)
     from_each = {
         with_likely_coefficient_prior(data_set, replace(found, best=(level, found.best[1]))).coefficient_prior
@@ -146,9 +146,10 @@ def test_each_campaign_has_its_own_wind_and_the_same_coefficients():
     recorded = []
     for day, wind in days.items():
         with unchecked():
-            tracks = roll_out(Vessel(Calibrated(CALM, shares), [wind]), [CIRCLE, ZIGZAG], step=STEP, interval=STEP)
+            tracks = roll_out(Vessel(Calibrated(CALM, shares), [wind]), [CIRCLE, ZIGZAG], step=STEP, interval=2 * STEP)
         recorded += [
-            run_of(track, NOISE / STEP**0.5, seed=len(recorded) + k, campaign=day) for k, track in enumerate(tracks)
+            run_of(track, NOISE / (2 * STEP) ** 0.5, seed=len(recorded) + k, campaign=day)
+            for k, track in enumerate(tracks)
         ]
     data_set = whitened_data_set(CALM, recorded)
     assert data_set.campaigns == (0, 0, 1, 1)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-from trials import CALM, CIRCLE, NOISE, PORT, SHIP, ZIGZAG, run_of, runs, sailed, values
+from trials import CALM, CIRCLE, NOISE, PORT, SHIP, STEP, ZIGZAG, run_of, runs, sailed, values
 
 from manoeuvre_nn.diagnosis.remainder import is_left, with_remainder
 from manoeuvre_nn.effect.formula import Formula
@@ -26,7 +26,7 @@ STRANGE = Formula(SHIP, ("Y |v||r|", "N |v|"), w1=2.0, w2=-0.3)
 
 
 def trained(*effects):
-    likelihood = MarginalLikelihood(whitened_data_set(CALM, runs([CIRCLE, ZIGZAG, PORT], effects)))
+    likelihood = MarginalLikelihood(whitened_data_set(CALM, runs([CIRCLE, ZIGZAG, PORT], effects, step=2 * STEP)))
     none = likelihood.evaluate(Hypothesis((), ()))
     return likelihood, none, with_remainder(likelihood, none)
 

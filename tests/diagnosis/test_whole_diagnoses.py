@@ -40,7 +40,7 @@ from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.report.diagnosis_tables import verdict_text
 from manoeuvre_nn.report.views import Answer
 
-pytestmark = pytest.mark.usefixtures("unchecked_types")
+pytestmark = pytest.mark.usefixtures("unchecked_types", "few_draws")
 CANDIDATES = [kind(SHIP) for kind in (Current, SteadyWind, RudderOffset)]
 FEW = [kind(SHIP) for kind in (Current, RudderOffset, LogScale, HeadingBias)]
 """Where what is asked is not which of many it is."""
