@@ -94,7 +94,8 @@ def decided(monkeypatch):
         monkeypatch.setattr(under_test, "beside", lambda likelihood, hypothesis: likelihood)
         monkeypatch.setattr(under_test, "gain_by_coefficient_priors", lambda data_set, j: 0.0)
         monkeypatch.setattr(under_test, "short_formula", lambda there, none: rule)
-        told = lambda there, none, formula, calm: (unmodelled if formula or rule is None else loose) - 3.0  # noqa: E731
+        monkeypatch.setattr(under_test, "random_force", lambda there, none: None)
+        told = lambda there, none, formula, *_: (unmodelled if formula or rule is None else loose) - 3.0  # noqa: E731
         monkeypatch.setattr(under_test, "unknown_evidence", told)
         wanders = lambda there, j: ReceiverWander(1.0, 60.0, (named if j.names else calm) - 3.0)  # noqa: E731
         monkeypatch.setattr(under_test, "receiver_wander", wanders)

@@ -137,6 +137,11 @@ def test_something_unknown_is_averaged_over_noise_near_calm_waters_and_its_formu
     assert unknown.unknown_evidence(there, corner, None) < rare, "coefficients are as seldom exact as in calm water"
     with_rule = unknown.unknown_evidence(likelihood, inside, fitted(9.0))
     assert with_rule == approx(np.log(np.exp(7.0) * 11 / len(PROCESS_LEVELS) + np.exp(9.0)) - np.log(2))
+    # What has no rule may be loose in all equations or random in one.
+    at_random = unknown.unknown_evidence(likelihood, inside, None, random=SimpleNamespace(evidence=12.0))
+    assert at_random == approx(np.log(np.exp(7.0) * 11 / len(PROCESS_LEVELS) + np.exp(12.0)) - np.log(4))
+    all_three = unknown.unknown_evidence(likelihood, inside, fitted(9.0), random=SimpleNamespace(evidence=12.0))
+    assert all_three == approx(np.logaddexp(at_random, 9.0 - np.log(2)))
     # By any prior of coefficients it gains what it gains beyond calm water; the formula's evidence is weighed already.
     asked = []
     monkeypatch.setattr(unknown, "gain_by_coefficient_priors", lambda data_set, *how: asked.append(how) or -0.5)

@@ -52,6 +52,7 @@ def decided(monkeypatch):
         monkeypatch.setattr(under_test, "beside", lambda likelihood, hypothesis: likelihood)
         monkeypatch.setattr(under_test, "gain_by_coefficient_priors", lambda data_set, j: 0.0)
         monkeypatch.setattr(under_test, "short_formula", lambda likelihood, none: None)
+        monkeypatch.setattr(under_test, "random_force", lambda *_: None)
         monkeypatch.setattr(under_test, "unknown_evidence", lambda *_: CALM_EVIDENCE + unknown)
         monkeypatch.setattr(under_test, "receiver_wander", lambda *_: ReceiverWander(0.0, 1.0, -np.inf))
         made = [judged(CALM_EVIDENCE + f, *key.split(" + ")) for key, f in factors.items()]

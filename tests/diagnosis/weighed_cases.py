@@ -29,7 +29,7 @@ from manoeuvre_nn.diagnosis import decision
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.formula import short_formula
 from manoeuvre_nn.diagnosis.search import SearchResult, search
-from manoeuvre_nn.diagnosis.unknown import ReceiverWander, unknown_evidence
+from manoeuvre_nn.diagnosis.unknown import ReceiverWander, random_force, unknown_evidence
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.current import Current
@@ -93,7 +93,7 @@ def weighed(kind: str, seed: int) -> dict:
         result = search(whitened_data_set(CALM, runs), CANDIDATES)
         at_calm = beside(result.likelihood, result.none.hypothesis)
         formula = short_formula(at_calm, result.none)
-        unknown = unknown_evidence(at_calm, result.none, formula)
+        unknown = unknown_evidence(at_calm, result.none, formula, random=random_force(at_calm, result.none))
         singles = [j for j in result.fitted if len(j.names) == 1]
         several = [j for j in result.fitted if len(j.names) > 1]
     none = result.none.evidence
@@ -129,7 +129,8 @@ def decision_of(case: dict) -> Decision:
         patch.object(decision, "beside", lambda likelihood, hypothesis: likelihood),
         patch.object(decision, "gain_by_coefficient_priors", lambda data_set, j: 0.0),
         patch.object(decision, "short_formula", lambda there, none: rule),
-        patch.object(decision, "unknown_evidence", lambda there, none, formula, calm: case["unknown"]),
+        patch.object(decision, "random_force", lambda there, none: None),
+        patch.object(decision, "unknown_evidence", lambda *_: case["unknown"]),
         patch.object(decision, "receiver_wander", lambda there, none: ReceiverWander(0.0, 1.0, -np.inf)),
     ):
         return decision.decide(result)

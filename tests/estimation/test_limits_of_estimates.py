@@ -155,7 +155,7 @@ POWER_OF_LENGTH = {"m": 1.0, "m/s": 0.5, "rad/s": -0.5, "rad": 0.0, "-": 0.0}
 
 
 def test_what_is_usual_goes_with_length_as_its_unit_by_froudes_law():
-    errors = ["m/s", "m/s", "rad", "-", "rad/s", "m", "m"]  # stream, compass, log, rate gyro, antenna
+    errors = ["m/s", "m/s", "rad", "-", "rad/s", "-", "m", "m"]  # stream, compass, log, rate gyro twice, antenna
     motion = ["m/s", "m/s", "rad/s", "m", "m", "rad"]
     assert list(smoothing.KINEMATIC_ERROR_POWERS) == [POWER_OF_LENGTH[unit] for unit in errors]
     assert list(smoothing.MOTION_POWERS) == [POWER_OF_LENGTH[unit] for unit in motion]

@@ -8,8 +8,13 @@ import numpy as np
 from jaxtyping import Float
 
 from manoeuvre_nn.diagnosis.formula import short_formula
-from manoeuvre_nn.diagnosis.search import MIN_GAIN_OF_SINGLE, SearchResult, worth_its_size
-from manoeuvre_nn.diagnosis.unknown import receiver_wander, unknown_evidence
+from manoeuvre_nn.diagnosis.search import (
+    MIN_GAIN_OF_SINGLE,
+    MIN_GAIN_TO_RELINEARISE,
+    SearchResult,
+    worth_its_size,
+)
+from manoeuvre_nn.diagnosis.unknown import random_force, receiver_wander, unknown_evidence
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
@@ -172,10 +177,12 @@ def decide(result: SearchResult) -> Decision:
     none, data_set = result.none.evidence, result.likelihood.data_set
     # A fitted model has errors that a formula takes up: to be claimed it must hold on other runs first.
     trained = is_fitted(data_set.dynamics)
-    any_force = unmodelled = unknown_evidence(there, result.none, None if trained else formula, calm)
     worthy, names = plausible(result), effects_tried(result)
-    log_weight = _log_weights(none, unmodelled, worthy, len(names))
-    best = worthy[int(log_weight[2:].argmax())] if worthy else None
+    best = max(worthy, key=lambda j: j.evidence + log(base_rate(len(j.names), len(names))), default=None)
+    # An event may be no more than the greatest push of a random force, whose course no other effect can follow.
+    event = best is not None and not trained and any(e.timed for e in best.hypothesis.effects)
+    random = random_force(there, result.none) if event else None
+    any_force = unmodelled = unknown_evidence(there, result.none, None if trained else formula, calm, random)
     more, named_too = _by_usual_receiver(replace(result, likelihood=there), best, unmodelled)
     # Calm water is so much likelier where a receiver wanders; a name that is likelier still stays, and loses nothing.
     none, unmodelled = (none, unmodelled - more) if named_too else (none + more, unmodelled)
@@ -187,7 +194,7 @@ def decide(result: SearchResult) -> Decision:
     named = best is not None and likelier_than_calm_water(result, best)
     strange = unmodelled - none > MIN_GAIN_OF_UNKNOWN or bool(trained and lacked > MAX_PROCESS_OF_FITTED_MODEL)
     ruled = strange and formula is not None and not trained
-    rule = any_force - unknown_evidence(there, result.none, None, calm) if ruled else -np.inf
+    rule = any_force - unknown_evidence(there, result.none, None, calm, random) if ruled else -np.inf
     least = 0.0 if named or strange else MIN_CALM
     most = 1 - MIN_CALM if strange else 1.0
     if not least <= shares[0] <= most:
@@ -210,12 +217,30 @@ def decide(result: SearchResult) -> Decision:
 
 
 def _formula(result: SearchResult, there: MarginalLikelihood) -> FittedHypothesis | None:
-    """A short formula for something unknown, found about the states of calm water, weighed as the search is."""
-    found = short_formula(there, result.none)
-    if found is None or result.calm_gain is None:
+    """A short formula for something unknown, about the states of calm water or, if clearly likelier, the smoothed ones.
+
+    Those of calm water, and of what led the search, are far from what happened where an instrument was far off.
+
+    Returns:
+        It, weighed as the search is; None without one.
+    """
+    about = [(there, result.none), *([result.smoothed] if result.smoothed else [])]
+    found = [_weighed_formula(likelihood, none, result.calm_gain) for likelihood, none in about]
+    here, smoothed = found[0], found[-1]
+    if here is None or smoothed is None:
+        return here or smoothed
+    return smoothed if smoothed.evidence > here.evidence + MIN_GAIN_TO_RELINEARISE else here
+
+
+def _weighed_formula(
+    likelihood: MarginalLikelihood, none: FittedHypothesis, calm_gain: float | None
+) -> FittedHypothesis | None:
+    """A short formula beside calm water, its evidence with any prior of coefficients if calm water's gain is known."""
+    found = short_formula(likelihood, none)
+    if found is None or calm_gain is None:
         return found
-    gain = gain_by_coefficient_priors(beside(result.likelihood, found.hypothesis).data_set, found)
-    return replace(found, evidence=found.evidence + gain - result.calm_gain)
+    gain = gain_by_coefficient_priors(beside(likelihood, found.hypothesis).data_set, found)
+    return replace(found, evidence=found.evidence + gain - calm_gain)
 
 
 def by_any_coefficient_prior(result: SearchResult) -> SearchResult:

@@ -27,13 +27,10 @@ from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.prior_average import with_likely_coefficient_prior
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
-from manoeuvre_nn.estimation.relinearise import (
-    beside,
-)
+from manoeuvre_nn.estimation.relinearise import beside
 
 MIN_GAIN_TO_RELINEARISE = 12.0
-"""Evidence of the best effect over calm water from which everything is linearised again about its states; below it,
-everything is about those of calm water."""
+"""Evidence of the best effect over calm water from which all is linearised again about its states, not calm water's."""
 MAX_BUILT_UPON = 5
 """Number of hypotheses that are built upon."""
 MAX_EFFECTS = 3
@@ -57,12 +54,14 @@ class SearchResult:
         likelihood: Where they were fitted.
         calm_gain: What calm water gains in log evidence where no prior of the coefficients is preferred, if all others
             have been weighed by what they gain beyond that; None if they have the prior of the runs.
+        smoothed: The runs about the states found with any force allowed, and calm water there; None if not known.
     """
 
     none: FittedHypothesis
     fitted: list[FittedHypothesis] = field(repr=False)
     likelihood: MarginalLikelihood = field(repr=False)
     calm_gain: float | None = None
+    smoothed: tuple[MarginalLikelihood, FittedHypothesis] | None = field(default=None, repr=False)
 
 
 def search(
@@ -99,7 +98,8 @@ def _calm_water(data_set: WhitenedDataSet) -> SearchResult:
     none = likelihood.evaluate(Hypothesis((), ()))
     likelihood = MarginalLikelihood(with_likely_coefficient_prior(data_set, none))
     data_set.release()
-    return SearchResult(likelihood.evaluate(Hypothesis((), ()), around=none.best[0]), [], likelihood)
+    none = likelihood.evaluate(Hypothesis((), ()), around=none.best[0])
+    return SearchResult(none, [], likelihood, smoothed=(likelihood, none))
 
 
 def _alone(calm: SearchResult, effects: Sequence[Effect], progress: Progress, workers: int) -> SearchResult:
@@ -113,7 +113,7 @@ def _alone(calm: SearchResult, effects: Sequence[Effect], progress: Progress, wo
         singles = _about_own_states([there.data_set for there, _ in everywhere], singles, workers)
         calm.likelihood.data_set.release()
     likelihood, none = everywhere[-1]
-    return SearchResult(none, sorted(singles, key=lambda j: -j.evidence), likelihood)
+    return replace(calm, none=none, likelihood=likelihood, fitted=sorted(singles, key=lambda j: -j.evidence))
 
 
 def _combined(so_far: SearchResult, effects: Sequence[Effect], progress: Progress, workers: int) -> SearchResult:
@@ -232,7 +232,7 @@ def _again(so_far: SearchResult, about: FittedHypothesis, workers: int) -> Searc
     best = list(shared_out(anew, workers))
     leading = next((j for j in best if j.names == about.names), calm)
     rest = _between((so_far.none, calm), (about, leading), so_far.fitted[MAX_BUILT_UPON:])
-    return SearchResult(calm, sorted(best + rest, key=lambda j: -j.evidence), there)
+    return replace(so_far, none=calm, fitted=sorted(best + rest, key=lambda j: -j.evidence), likelihood=there)
 
 
 def _between(

@@ -222,7 +222,11 @@ def _wander(
 
 
 def unknown_evidence(
-    likelihood: MarginalLikelihood, none: FittedHypothesis, formula: FittedHypothesis | None, calm: float | None = None
+    likelihood: MarginalLikelihood,
+    none: FittedHypothesis,
+    formula: FittedHypothesis | None,
+    calm: float | None = None,
+    random: RandomCourse | None = None,
 ) -> float:
     """Log evidence of something unknown, summed over levels near those of calm water and over what is loose.
 
@@ -232,19 +236,21 @@ def unknown_evidence(
         formula: A short formula for the unknown, if there is one, its evidence as it is to be weighed.
         calm: What calm water gains where no prior of coefficients is preferred
             (:func:`.gain_by_coefficient_priors`), if all else is weighed by what it gains beyond that.
+        random: A random force in one equation, if it was looked for: it gains by that as calm water does.
 
     Returns:
-        The log evidence; half of it stands on the formula if there is one.
+        The log evidence; half of it stands on the formula if there is one, of what is left half on the random force.
     """
     data_set = likelihood.data_set
     grid, (row, column) = data_set.levels, data_set.levels.at(none.best[0])
     near = sorted({*grid.around(none.best[0]), grid.point(row + 2, column), grid.point(row, column + 2)})
     loose = np.stack([likelihood.posterior(None, g).evidence for g in near])
     more = 0.0 if calm is None else gain_by_coefficient_priors(data_set, none, near, None) - calm
-    found = [logsumexp(loose + log_prior_levels(data_set, None)[near]) + more]
-    if formula is not None:
-        found.append(formula.evidence)
-    return float(logsumexp(np.array(found) - np.log(2))) + _strange_sensors(data_set)
+    without = logsumexp(loose + log_prior_levels(data_set, None)[near]) + more
+    if random is not None:
+        without = np.logaddexp(without, random.evidence) - np.log(2)
+    found = np.array([without, -np.inf if formula is None else formula.evidence])
+    return float(logsumexp(found - np.log(2))) + _strange_sensors(data_set)
 
 
 def _strange_sensors(data_set: WhitenedDataSet) -> float:

@@ -17,10 +17,11 @@ from manoeuvre_nn.estimation.measurement_noise import MIN_SAMPLES, measured_nois
 from manoeuvre_nn.estimation.posterior import posterior
 from manoeuvre_nn.recording.preparation import measured, without_samples
 
-KINEMATIC_ERROR_SD = np.array([1.0, 1.0, 0.03, 0.08, 1e-3, 4.0, 4.0])
-"""Prior s.d. of kinematic errors: stream north and east [m/s], compass [rad], log [-], rate gyro [rad/s], antenna
-forward and to starboard [m]: little, for while any force is allowed it looks like a drift of the ship."""
-KINEMATIC_ERROR_POWERS = (0.5, 0.5, 0.0, 0.0, -0.5, 1.0, 1.0)
+KINEMATIC_ERROR_SD = np.array([1.0, 1.0, 0.03, 0.08, 1e-3, 0.3, 4.0, 4.0])
+"""Prior s.d. of kinematic errors: stream north and east [m/s], compass [rad], log [-], rate gyro [rad/s] and its scale
+factor [-], antenna forward and to starboard [m]: little, for while any force is allowed it looks like a drift of the
+ship."""
+KINEMATIC_ERROR_POWERS = (0.5, 0.5, 0.0, 0.0, -0.5, 0.0, 1.0, 1.0)
 """Exponents of length with which it goes."""
 LINEARISATIONS, MAX_LINEARISATIONS = 4, 12
 """How often the equations are linearised and solved; and at most, where steps are cut short."""
@@ -163,12 +164,12 @@ def _kinematic_errors(linearised: LinearisedRun) -> Columns:
     n, (r, psi) = len(linearised.run), (linearised.track[:, 2], linearised.track[:, 5])
     cos, sin = np.cos(psi), np.sin(psi)
     states = linearised.states
-    c = Columns(np.zeros((n, len(states.channels), 7)), np.zeros((n - 1, states.count, 7)))
-    c.measured[:, 5, 4] = 1.0
-    c.measured[:, 0, 5], c.measured[:, 1, 5] = cos, sin
-    c.measured[:, 2, 5], c.measured[:, 3, 5] = -r * sin, r * cos
-    c.measured[:, 0, 6], c.measured[:, 1, 6] = -sin, cos
-    c.measured[:, 2, 6], c.measured[:, 3, 6] = -r * cos, -r * sin
+    c = Columns(np.zeros((n, len(states.channels), 8)), np.zeros((n - 1, states.count, 8)))
+    c.measured[:, 5, 4], c.measured[:, 5, 5] = 1.0, r
+    c.measured[:, 0, 6], c.measured[:, 1, 6] = cos, sin
+    c.measured[:, 2, 6], c.measured[:, 3, 6] = -r * sin, r * cos
+    c.measured[:, 0, 7], c.measured[:, 1, 7] = -sin, cos
+    c.measured[:, 2, 7], c.measured[:, 3, 7] = -r * cos, -r * sin
     c.measured[:, 2, 0] = c.measured[:, 3, 1] = c.measured[:, 4, 2] = 1.0
     c.measured[:, 6, 3] = linearised.track[:, 0]
     c.moved[:, 3, 0] = c.moved[:, 4, 1] = linearised.run.step
