@@ -156,7 +156,8 @@ def test_what_lies_inside_the_box_of_the_data_may_still_be_missed_and_the_spread
 
 
 @forms({
-    'mnn.read("sample")': '[run for run in mnn.read("sample") if run.name != "zz10"]',
+    'mnn.read("sample")': '[run for run in mnn.read("sample") if run.name not in {"zz10", "zz20"}]',
+    'held_out=["zz20", "tc25"]': 'held_out=["tc25"]',
     'candidates="default"': 'candidates=["wind_steady"]',
 })
 def test_the_disturbance_of_the_sample_is_named_as_it_was_made(form, monkeypatch):

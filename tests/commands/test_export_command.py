@@ -39,7 +39,7 @@ def short(monkeypatch):
     """Few and short manoeuvres to fit to and to sail."""
     monkeypatch.setattr(conversions, "ZIGZAGS_DEG", (30.0,))
     monkeypatch.setattr(conversions, "CIRCLES_DEG", ())
-    monkeypatch.setattr(rollouts, "TRIALS", (zigzag(20.0, duration=60.0),))
+    monkeypatch.setattr(rollouts, "TRIALS", (zigzag(20.0, duration=20.0),))
 
 
 @pytest.fixture

@@ -247,7 +247,7 @@ def test_an_own_effect_is_found_in_recordings_and_reported(own, sailed, tmp_path
 def logged(own, tmp_path_factory) -> Path:
     """A zigzag as the own logger writes it."""
     with unchecked():
-        (run,) = mnn.simulate("mariner", "zz20")
+        (run,) = mnn.simulate("mariner", {"zz20": {"duration": 150.0}})
     place = tmp_path_factory.mktemp("logged") / "zz20.log64"
     np.column_stack([run.time, run.stacked("psi", "r", "u", "v", "delta")]).tofile(place)
     return place

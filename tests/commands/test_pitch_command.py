@@ -2,6 +2,7 @@ import json
 from contextlib import redirect_stdout
 from io import StringIO
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pandas as pd
@@ -41,9 +42,10 @@ def scores(folder) -> dict:
 
 @pytest.fixture(scope="module")
 def learnt(tmp_path_factory, typed_train) -> tuple[Path, str]:
-    """The folder of a whole run, and what it printed."""
+    """The folder of a whole run, whose figures are drawn in files and not on the page as well; what it printed."""
     out, said = tmp_path_factory.mktemp("pitch") / "out", StringIO()
-    with unchecked(), redirect_stdout(said):
+    on_the_page = patch("manoeuvre_nn.report.html.data_address", lambda figure: "data:,")
+    with unchecked(), redirect_stdout(said), on_the_page:
         assert typed_train([*TINY, f"out={out}"]) == 0
     return out, said.getvalue()
 

@@ -1,6 +1,7 @@
 """A ship with effects as a dynamics: own states, rows of a batch, the blade, and what is written down."""
 
 from dataclasses import replace
+from functools import cache
 from math import inf
 
 import numpy as np
@@ -48,6 +49,12 @@ def run(dynamics, manoeuvres, duration, step=1.0):
         )
 
 
+@cache
+def calm(trial, solver="rollout"):
+    """The ship in calm water, which several tests compare with."""
+    return sailed([], trial, solver)
+
+
 def sailed(effects, trial, solver="rollout"):
     dynamics = Vessel(CALM, effects) if effects else CALM
     with unchecked():
@@ -59,11 +66,12 @@ def measured(record):
 
 
 def test_without_effects_it_is_the_calm_ship_and_its_recording():
-    for solver in (roll_out, lambda dynamics, trials: [simulate(dynamics, trials[0])]):
-        with unchecked():
-            (bare,), (calm,) = solver(Vessel(CALM, []), [ZIGZAG]), solver(CALM, [ZIGZAG])
-        assert list(bare.channels) == list(calm.channels)
-        assert all(np.array_equal(bare[k], calm[k]) for k in calm.channels)
+    with unchecked():
+        made = {"rollout": roll_out(Vessel(CALM, []), [ZIGZAG])[0], "simulate": simulate(Vessel(CALM, []), ZIGZAG)}
+    for solver, bare in made.items():
+        own = calm(ZIGZAG, solver)
+        assert list(bare.channels) == list(own.channels)
+        assert all(np.array_equal(bare[k], own[k]) for k in own.channels)
 
 
 def test_the_state_starts_with_the_effects_own_states_behind_the_ships():
@@ -85,7 +93,7 @@ def test_the_blade_of_a_slow_rudder_moves_evenly_to_every_order_at_its_own_rate(
     blade = np.where(t <= 30.0, reach, np.maximum(0.3 - rate * DEGREE * (t - 30.0), -0.2))
     expected = SHIP.acceleration(torch.tensor(record.stacked("u", "v", "r")), torch.tensor(blade)).numpy()
     assert record.stacked("udot", "vdot", "rdot") == approx(expected, abs=1e-9)
-    assert record["delta"] == approx(sailed([], TIMED, solver)["delta"]), "the indicator is not the blade"
+    assert record["delta"] == approx(calm(TIMED, solver)["delta"]), "the indicator is not the blade"
 
 
 @pytest.mark.parametrize("solver", ["rollout", "simulate"])
@@ -125,9 +133,10 @@ def test_rows_of_one_batch_may_have_values_of_their_own(busy):
     kinds = [SteadyWind(SHIP), RudderSlow(SHIP, rate_deg_s=1.1), PowerLimit(SHIP, rpm_slope=0.5), Current(SHIP)]
     wind = torch.cat([rows, kinds[0].values[2:].expand(3, -1)], dim=-1)
     shared = kinds[3].at(torch.tensor([[1.0, 45.0]], dtype=torch.float64))
-    together = run(Vessel(CALM, [kinds[0].at(wind), *kinds[1:3], shared]), busy, 60.0)
+    together = run(Vessel(CALM, [kinds[0].at(wind), *kinds[1:3], shared]), busy, 60.0, 2.0)
     for k, trial in enumerate(busy):
-        alone = run(Vessel(CALM, [kinds[0].at(wind[k]), *kinds[1:3], kinds[3].at(shared.values[0])]), [trial], 60.0)
+        effects = [kinds[0].at(wind[k]), *kinds[1:3], kinds[3].at(shared.values[0])]
+        alone = run(Vessel(CALM, effects), [trial], 60.0, 2.0)
         for name in ("states", "shown", "orders"):
             assert torch.allclose(getattr(together, name)[:, k], getattr(alone, name)[:, 0], rtol=0, atol=1e-9), name
         assert torch.allclose(together.inputs.delta[:, k], alone.inputs.delta[:, 0], rtol=0, atol=1e-9)
@@ -137,8 +146,8 @@ def test_an_affected_row_that_breaks_down_rests_and_leaves_the_others_alone():
     wild = mariner()
     wild.series.coefficients[wild.series.terms.index("r"), 2] *= -5
     effects = [SteadyWind(SHIP), RollCoupling(SHIP), RudderBacklash(SHIP, width_deg=2.0)]
-    runs = run(Vessel(Stacked([CALM, CalmWater(wild)]), effects), [zigzag(20.0)] * 2, 50.0)
-    alone = run(Vessel(CALM, effects), [zigzag(20.0)], 50.0)
+    runs = run(Vessel(Stacked([CALM, CalmWater(wild)]), effects), [zigzag(20.0)] * 2, 50.0, 2.0)
+    alone = run(Vessel(CALM, effects), [zigzag(20.0)], 50.0, 2.0)
     assert runs.ended[0] == inf and runs.ended[1] < 50.0 and runs.states.isfinite().all()
     assert torch.allclose(runs.states[:, 0], alone.states[:, 0], rtol=0, atol=1e-8)
     after = runs.times >= runs.ended[1]
@@ -153,8 +162,8 @@ def test_effects_act_on_the_ship_at_its_approach_speed_and_keep_their_choices():
     there = SHIP.on_approach(5.0)
     made = [SteadyWind(there, kind="ferry", from_deg=40.0), PowerLimit(there, rpm_slope=0.8)]
     with unchecked():
-        (own,) = roll_out(Vessel(CalmWater(there), made), [ZIGZAG])
-    moved = sailed(effects, ZIGZAG.at_speed(5.0))
+        (own,) = roll_out(Vessel(CalmWater(there), made), [zigzag(20.0, duration=40.0)])
+    moved = sailed(effects, zigzag(20.0, duration=40.0).at_speed(5.0))
     assert all(np.array_equal(moved[k], own[k]) for k in own.channels)
     assert effects[0].ship is SHIP, "the original is as it was"
 
@@ -192,22 +201,29 @@ def test_a_replay_undoes_what_the_recorder_did_to_the_rudder():
     record = sailed([late], ZIGZAG, "simulate")
     with unchecked():
         (own,), (blind,) = replay(Vessel(CALM, [late]), [measured(record)]), replay(CALM, [measured(record)])
-    true = sailed([], ZIGZAG, "simulate")
+    true = calm(ZIGZAG, "simulate")
     length = SHIP.particulars.length
     assert np.hypot(own["x"] - true["x"], own["y"] - true["y"]).max() < 0.01 * length
     assert np.hypot(blind["x"] - true["x"], blind["y"] - true["y"]).max() > 0.02 * length
     assert np.array_equal(own["delta"], record["delta"]), "late once, not twice"
 
 
+@cache
+def slowly_steered():
+    """The Mariner with a slow rudder, what was recorded of her, and the calm ship's replay of it."""
+    slow = RudderSlow(SHIP, rate_deg_s=1.2)
+    record = sailed([slow], TIMED, "simulate")
+    with unchecked():
+        return slow, record, replay(CALM, [measured(record)])[0]
+
+
 @pytest.mark.parametrize("known, gap", [(True, 0.6), (False, 2.0)])
 def test_a_replay_follows_the_blade_closely_where_the_order_is_recorded(known, gap):
     """Without the order the indicator stands for it: the blade then sets out as the indicator does."""
-    slow = RudderSlow(SHIP, rate_deg_s=1.2)
-    record = sailed([slow], TIMED, "simulate")
+    slow, record, blind = slowly_steered()
     kept = record.channels if known else {k: c for k, c in record.channels.items() if k != "delta_order"}
     with unchecked():
         (own,) = replay(Vessel(CALM, [slow]), [replace(measured(record), channels=kept)])
-        (blind,) = replay(CALM, [measured(record)])
     gaps = [np.hypot(p["x"] - record["x"], p["y"] - record["y"]).max() for p in (own, blind)]
     assert gaps[0] < gap < 8.0 < gaps[1]
 

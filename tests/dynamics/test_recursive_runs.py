@@ -96,7 +96,7 @@ def test_manoeuvres_of_several_speeds_are_one_batch(ship):
 
 
 def test_driven_by_the_controls_that_a_helmsman_gave_it_the_network_sails_the_same_run(ship):
-    run = simulate(ship, tactical_circle(20.0, "port"))
+    run = simulate(ship, tactical_circle(20.0, "port", turn_deg=180.0))
     (again,) = replay(ship, [run])
     # A table of recorded controls rounds the corners that a rudder's angle has.
     assert np.abs(again["psi"] - run["psi"]).max() < 0.2 * DEGREE
@@ -105,10 +105,10 @@ def test_driven_by_the_controls_that_a_helmsman_gave_it_the_network_sails_the_sa
 
 
 def test_a_replay_that_takes_over_later_starts_where_the_recording_is(ship):
-    run = simulate(CalmWater(SHIP), tactical_circle(20.0, turn_deg=60.0))
-    (late,) = replay(ship, [run], start=80.0)
-    at = int(np.flatnonzero(run.time == 80.0)[0])
-    assert late.time[0] == 80.0 and late.time[-1] == run.time[-1]
+    run = simulate(CalmWater(SHIP), tactical_circle(20.0, approach=20.0, turn_deg=30.0))
+    (late,) = replay(ship, [run], start=40.0)
+    at = int(np.flatnonzero(run.time == 40.0)[0])
+    assert late.time[0] == 40.0 and late.time[-1] == run.time[-1]
     assert all(late[k][0] == pytest.approx(run[k][at]) for k in ("u", "v", "r", "p", "phi", "x", "y", "psi"))
 
 

@@ -154,7 +154,7 @@ def test_constants_of_the_forces_are_the_ships_over_powers_of_her_length():
 
 
 def test_gradients_of_the_unrolled_loop_are_those_of_its_differences():
-    model, course, steps = fitted([recording()], hidden=(3, 2), past=2, symmetric=True, wind=False)
+    model, course, steps = fitted([recording()], hidden=(2, 2), past=2, symmetric=True, wind=False)
     at = torch.tensor([0, 0]), torch.tensor([0, 20])
     look = course.controls.rows(at[0])
 
@@ -172,7 +172,7 @@ def test_gradients_of_the_unrolled_loop_are_those_of_its_differences():
 
         def forward(self):
             start = steps.start(*at, 2)
-            return self.model.unroll(start, look.at, course.speed[at[0]], 6)
+            return self.model.unroll(start, look.at, course.speed[at[0]], 3)
 
     weights = [w.detach().clone().requires_grad_() for w in model.network.parameters()]
     assert torch.autograd.gradcheck(outcome, weights, atol=1e-6)

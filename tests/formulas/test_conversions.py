@@ -1,6 +1,6 @@
 """Coefficients for other simulators: fitted, read back from what was written, at a price that is told."""
 
-from functools import cache
+from functools import cache, partial
 from math import inf
 
 import numpy as np
@@ -20,6 +20,7 @@ from manoeuvre_nn.formulas.gazebo import GazeboShip, sdf_text
 from manoeuvre_nn.formulas.models import to_program
 from manoeuvre_nn.formulas.mss import NUMBER, mss_ship, mss_text
 from manoeuvre_nn.formulas.rollouts import TrackDeviation
+from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.ship.mariner import mariner, mariner_chislett1965
 
@@ -44,7 +45,9 @@ def short(monkeypatch):
     """Few and short manoeuvres, without checks of types."""
     monkeypatch.setattr(conversions, "ZIGZAGS_DEG", (30.0,))
     monkeypatch.setattr(conversions, "CIRCLES_DEG", (15.0,))
-    monkeypatch.setattr(rollouts, "TRIALS", (zigzag(20.0, duration=200.0),))
+    for made in (zigzag, turning_circle):
+        monkeypatch.setattr(conversions, made.__name__, partial(made, duration=150.0))
+    monkeypatch.setattr(rollouts, "TRIALS", (zigzag(20.0, duration=80.0),))
     with unchecked():
         yield
 

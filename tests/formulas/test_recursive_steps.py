@@ -26,7 +26,7 @@ from manoeuvre_nn.network.recursive_settings import RecursiveSettings
 from manoeuvre_nn.ship.naval_vessel import naval_vessel
 
 SHIP = naval_vessel()
-TRIALS = zigzag(20.0, duration=120.0), turning_circle(25.0, duration=120.0)
+TRIALS = zigzag(20.0, duration=40.0), turning_circle(25.0, duration=40.0)
 SHAPES = {
     "symmetric, three": {"hidden": (5, 4), "freedom": 3},
     "wind beside": {"hidden": (4, 3), "freedom": 4, "wind": True},

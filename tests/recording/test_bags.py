@@ -17,6 +17,14 @@ from manoeuvre_nn.recording.read.reader import read_recording, read_recordings
 from manoeuvre_nn.recording.read.table import read_table
 
 pytest.importorskip("rosbags", reason='bags need the extra: pip install -e ".[ros]"')
+
+
+@pytest.fixture(scope="module")
+def zz20(zz20):
+    """The first 200 s of the zigzag: both sides and two reversals."""
+    return zz20.between(0.0, 200.0)
+
+
 HEADING = "/odom.pose.pose.orientation.heading [rad]"
 
 
