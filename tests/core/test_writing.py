@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from full_disk import room_for
 
+from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.writing import LOCK, FolderInUse, draft_of, locked, write_file
 
 HOLD = "import sys, time; from pathlib import Path; from manoeuvre_nn.core.writing import locked\n"
@@ -75,6 +76,17 @@ def test_a_link_stays_a_link_and_a_device_a_device(tmp_path):
     assert link.is_symlink() and path.read_text() == "new"
     write_file(Path("/dev/null"), "new")
     assert Path("/dev/null").is_char_device()
+
+
+def test_a_pipe_that_nobody_reads_is_refused_and_one_that_is_read_gets_all(tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(InputError, match="pipe is a pipe that nobody reads: write a file"):
+        write_file(pipe, "new")
+    reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
+    write_file(pipe, "new")
+    assert os.read(reader, 10) == b"new" and pipe.is_fifo()
+    os.close(reader)
 
 
 def test_permissions_stay_and_a_protected_file_is_not_replaced(tmp_path, monkeypatch):

@@ -7,6 +7,8 @@ from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from manoeuvre_nn.core.errors import InputError
+
 try:
     import fcntl
 except ImportError:  # Windows: nothing keeps two processes out of one folder there
@@ -31,7 +33,7 @@ def draft_of(path: Path) -> Generator[Path]:
     """Give the path of a draft, which takes a file's place when it is written whole and is on the disk.
 
     Until then, and whatever goes wrong before, the file is as it was: nobody ever finds half of it. A link stays a
-    link; what is no file, such as ``/dev/stdout``, is written to directly.
+    link; what is no file, such as ``/dev/stdout``, is written to directly; a named pipe must have a reader.
 
     Args:
         path: The file; its folder is made if need be.
@@ -45,7 +47,8 @@ def draft_of(path: Path) -> Generator[Path]:
     """
     path = Path(os.path.realpath(path))
     if path.exists() and not path.is_file():
-        yield path
+        with _read_by_somebody(path):
+            yield path
         return
     path.parent.mkdir(parents=True, exist_ok=True)
     if path.exists() and not os.access(path, os.W_OK):  # which replacing it would not mind
@@ -66,6 +69,24 @@ def draft_of(path: Path) -> Generator[Path]:
     finally:
         with suppress(OSError):
             draft.unlink()
+
+
+@contextmanager
+def _read_by_somebody(path: Path) -> Generator[None]:
+    """Hold a named pipe open, whose reader would otherwise be waited for without end; nothing for what is none."""
+    if not path.is_fifo():
+        yield
+        return
+    try:
+        end = os.open(path, os.O_WRONLY | os.O_NONBLOCK)
+    except OSError as error:
+        if error.errno != errno.ENXIO:
+            raise
+        raise InputError(f"{path} is a pipe that nobody reads: write a file") from None
+    try:
+        yield
+    finally:
+        os.close(end)
 
 
 def _remove_abandoned(draft: Path) -> None:
