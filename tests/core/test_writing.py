@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 from full_disk import room_for
 
-from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.writing import LOCK, FolderInUse, draft_of, locked, write_file
 
 HOLD = "import sys, time; from pathlib import Path; from manoeuvre_nn.core.writing import locked\n"
@@ -81,8 +80,10 @@ def test_a_link_stays_a_link_and_a_device_a_device(tmp_path):
 def test_a_pipe_that_nobody_reads_is_refused_and_one_that_is_read_gets_all(tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
-    with pytest.raises(InputError, match="pipe is a pipe that nobody reads: write a file"):
-        write_file(pipe, "new")
+    text = "from pathlib import Path; from manoeuvre_nn.core.writing import write_file; write_file(Path('pipe'), 'new')"
+    # In a process of its own, which would wait without end.
+    refused = subprocess.run([sys.executable, "-c", text], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert "InputError" in refused.stderr and "pipe is a pipe that nobody reads: write a file" in refused.stderr
     reader = os.open(pipe, os.O_RDONLY | os.O_NONBLOCK)
     write_file(pipe, "new")
     assert os.read(reader, 10) == b"new" and pipe.is_fifo()

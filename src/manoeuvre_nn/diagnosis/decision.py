@@ -224,9 +224,8 @@ def _formula(result: SearchResult, there: MarginalLikelihood) -> FittedHypothesi
     Returns:
         It, weighed as the search is; None without one.
     """
-    about = [(there, result.none), *([result.smoothed] if result.smoothed else [])]
-    found = [_weighed_formula(likelihood, none, result.calm_gain) for likelihood, none in about]
-    here, smoothed = found[0], found[-1]
+    here = _weighed_formula(there, result.none, result.calm_gain)
+    smoothed = _weighed_formula(*result.smoothed, result.calm_gain) if result.smoothed else None
     if here is None or smoothed is None:
         return here or smoothed
     return smoothed if smoothed.evidence > here.evidence + MIN_GAIN_TO_RELINEARISE else here

@@ -72,7 +72,7 @@ def _leading(result: SearchResult) -> tuple[float, FittedHypothesis]:
 def _with_any_coefficients(usual: SearchResult) -> SearchResult:
     """A search in which coefficients were as usual with its hypotheses weighed with any."""
     known = usual.likelihood.data_set
-    data_set = _any(known)
+    data_set = _of_any_coefficients(known)
     before, now = (log_prior_levels(one, PROCESS_PRIOR) for one in (known, data_set))
 
     def weighed(j: FittedHypothesis) -> FittedHypothesis:
@@ -83,11 +83,13 @@ def _with_any_coefficients(usual: SearchResult) -> SearchResult:
     likelihood = MarginalLikelihood(data_set)
     none = beside(likelihood, usual.none.hypothesis).evaluate(usual.none.hypothesis, around=usual.none.best[0])
     fitted = sorted(map(weighed, usual.fitted), key=lambda j: -j.evidence)
-    smoothed = usual.smoothed and (MarginalLikelihood(_any(usual.smoothed[0].data_set)), usual.smoothed[1])
+    smoothed = usual.smoothed
+    if smoothed is not None:
+        smoothed = MarginalLikelihood(_of_any_coefficients(smoothed[0].data_set)), smoothed[1]
     return SearchResult(none, fitted, likelihood, smoothed=smoothed)
 
 
-def _any(data_set: WhitenedDataSet) -> WhitenedDataSet:
+def _of_any_coefficients(data_set: WhitenedDataSet) -> WhitenedDataSet:
     """Runs of a ship whose coefficients may be anything."""
     return data_set.with_prior(data_set.coefficient_prior._replace(usual=False))
 

@@ -20,7 +20,7 @@ from manoeuvre_nn.recording.preparation import measured, without_samples
 KINEMATIC_ERROR_SD = np.array([1.0, 1.0, 0.03, 0.08, 1e-3, 0.3, 4.0, 4.0])
 """Prior s.d. of kinematic errors: stream north and east [m/s], compass [rad], log [-], rate gyro [rad/s] and its scale
 factor [-], antenna forward and to starboard [m]: little, for while any force is allowed it looks like a drift of the
-ship."""
+ship; but the heading tells the scale of the gyro, which may be anything."""
 KINEMATIC_ERROR_POWERS = (0.5, 0.5, 0.0, 0.0, -0.5, 0.0, 1.0, 1.0)
 """Exponents of length with which it goes."""
 LINEARISATIONS, MAX_LINEARISATIONS = 4, 12
