@@ -23,7 +23,7 @@ HARMLESS = {
     "certifi": "MPL-2.0 holds for changed copies of its own files; it is used as it is, by notebooks in the site",
     "hypothesis": "MPL-2.0 holds for changed copies of its own files; it is used as it is, by tests alone",
     "tqdm": "MPL-2.0 holds for changed copies of its own files; it is used as it is",
-    "pathspec": "MPL-2.0 holds for changed copies of its own files; it is used as it is, by mypy alone",
+    "pathspec": "MPL-2.0 holds for changed copies of its own files; it is used as it is, by mkdocs alone",
 }
 """Package under such a licence -> why it may be installed beside a package under MIT."""
 SILENT = {"fmpy": "BSD-2-Clause"}

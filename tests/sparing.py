@@ -63,7 +63,7 @@ def _checks(function: Callable) -> Callable:
     """The function with its checks: without shapes, beartype's are as fast as looking what it was called with."""
     try:
         hints = get_type_hints(function)
-    except (NameError, TypeError):  # names that are there for mypy alone
+    except (NameError, TypeError):  # names that are there for the type checker alone
         return complete(function, typechecker=checked)
     return _remembering(function) if any(map(_has_shapes, hints.values())) else checked(function)
 

@@ -97,16 +97,16 @@ def plans(trial: Trial) -> list[CasePlan]:
     ships, holes = _shuffled_cycle(rng, tuple(trial_ships())), _shuffled_cycle(rng, HOLES)
     found = []
     for sort in sorts:
-        kinds: tuple[Kind, ...] = ()
+        kinds: list[Kind] = []
         for _ in range(COUNT[sort]):
             source = other if sort == UNKNOWN else listed
             families, equal = {k.family for k in kinds}, {name for k in kinds for name in k.equivalent}
-            kinds += (next(k for k in source if k.family not in families and k.name not in equal),)
+            kinds.append(next(k for k in source if k.family not in families and k.name not in equal))
         ship = next(s for s in ships if all(not k.ships or s in k.ships for k in kinds))
         channels = next(recorders)
         channels = channels if all(shows(channels, kind) for kind in kinds) else "full"
         drawn = tuple(next(strengths) for _ in kinds)
-        found.append(CasePlan(ship, kinds, drawn, channels, next(holes), trial.strict))
+        found.append(CasePlan(ship, tuple(kinds), drawn, channels, next(holes), trial.strict))
     return [found[k] for k in rng.permutation(trial.cases)]
 
 

@@ -261,7 +261,7 @@ def _measured(table: pd.DataFrame) -> np.ndarray:
     course, empty = np.radians(table["cog"]), pd.Series(np.nan, table.index)
     rows = [table["x_north"], table["y_east"], np.radians(table["psi"]), table["sog"] * np.cos(course)]
     rows += [table["sog"] * np.sin(course), np.radians(table["r"]), table["u_log"], table.get("n", empty)]
-    return np.stack([row.to_numpy(float) for row in rows])
+    return np.stack([np.asarray(row, dtype=float) for row in rows])
 
 
 def _segments(rows: np.ndarray) -> list[tuple[int, int]]:

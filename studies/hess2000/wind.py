@@ -96,7 +96,7 @@ def errors_in(wind: str, seed: int, counts: Counts, say: Say, share: float = 1.0
     """
     windy = wind != CALM
     runs = overshoots(wind if windy else "", seed, counts)
-    rows = []
+    rows: list[tuple[str, bool, Any]] = []
     if windy:
         rows.append((PERFECT, False, perfect_but_for_wind(runs)))
     for told in (False, True) if windy else (False,):

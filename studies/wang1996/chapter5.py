@@ -137,7 +137,7 @@ def spiral_rows(of: ThesisShip, flights: Mapping[str, Flown]) -> list[dict[str, 
     whole = {"simulation": [of.references["spiral20"]]} | {
         f.networks.label: f.runs["spiral20"] for f in flights.values()
     }
-    rows = []
+    rows: list[dict[str, object]] = []
     for label, runs in whole.items():
         found = np.array([loop(*spiral_points(run)) for run in runs if run.status == "ok"])
         height, width = np.median(found, axis=0) if len(found) else (np.nan, np.nan)

@@ -32,7 +32,8 @@ def si_unit(prime: PrimeSystem, equation: str, term: str) -> float:
     Returns:
         Unit of force or moment over the units of the variables.
     """
-    units = dict(zip("uvr", prime.velocity_units, strict=True)) | {"d": 1.0, "0": 1.0}
+    surge, sway, yaw = prime.velocity_units
+    units = {"u": surge, "v": sway, "r": yaw, "d": 1.0, "0": 1.0}
     return (prime.moment if equation == "N" else prime.force) / prod(units[c] for c in term)
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cache
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 import torch
@@ -22,17 +22,11 @@ from studies.wang1996.networks import ThesisShip, TrainedShips, case, errors, pa
 from studies.wang1996.published_networks import HIDDEN, INPUTS, NETWORKS, PublishedShip
 
 Start = Literal["standardised, N(0,1)", "thesis scaling, U[0,1)", "u'-1, tanh, N(0,.3)"]
-STARTS: dict[str, tuple[str, Activation, Initial, float]] = dict(
-    zip(
-        get_args(Start),
-        (
-            ("standard", "sigmoid", "normal", 1.0),
-            ("source", "sigmoid", "uniform", 1.0),
-            ("centred", "tanh", "normal", 0.3),
-        ),
-        strict=True,
-    )
-)
+STARTS: dict[Start, tuple[str, Activation, Initial, float]] = {
+    "standardised, N(0,1)": ("standard", "sigmoid", "normal", 1.0),
+    "thesis scaling, U[0,1)": ("source", "sigmoid", "uniform", 1.0),
+    "u'-1, tanh, N(0,.3)": ("centred", "tanh", "normal", 0.3),
+}
 """How Levenberg-Marquardt is started -> scaling, activation, first weights and their spread."""
 BEST_START: Start = "u'-1, tanh, N(0,.3)"
 

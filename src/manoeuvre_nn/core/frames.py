@@ -1,6 +1,6 @@
 """Body and earth axes: x north, y east, psi clockwise from north; body x forward, y starboard."""
 
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -50,6 +50,5 @@ def earth_to_body(north: Numbers, east: Numbers, psi: Numbers) -> tuple[Numbers,
 
 def _cos_and_sin(angle: Numbers) -> tuple[Numbers, Numbers]:
     """Both of an angle [rad]."""
-    if isinstance(angle, Tensor):
-        return torch.cos(angle), torch.sin(angle)
-    return np.cos(angle), np.sin(angle)
+    library: Any = torch if isinstance(angle, Tensor) else np
+    return library.cos(angle), library.sin(angle)

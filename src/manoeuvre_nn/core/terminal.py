@@ -47,7 +47,8 @@ class Terminal(Console):
 
     def __init__(self, **settings: Any) -> None:
         """Set up; ``settings`` are those of rich's console."""
-        super().__init__(**{"markup": False, "emoji": False, "quiet": _quiet, **settings})
+        usual: dict[str, Any] = {"markup": False, "emoji": False, "quiet": _quiet}
+        super().__init__(**usual | settings)
 
     def print(self, *objects: Any, **settings: Any) -> None:
         """Print and log."""
@@ -56,7 +57,8 @@ class Terminal(Console):
         _shown_at = monotonic()
         if LOG.isEnabledFor(logging.INFO) and not any(isinstance(one, Control) for one in objects):  # of a bar
             plain = Console(file=io.StringIO(), width=LOG_WIDTH, color_system=None, markup=False, emoji=False)
-            plain.print(*objects, **{**settings, "highlight": False})
+            settings["highlight"] = False
+            plain.print(*objects, **settings)
             for line in plain.file.getvalue().splitlines():  # type: ignore[attr-defined]
                 if line.strip():
                     LOG.info("%s", harmless(line.rstrip()))

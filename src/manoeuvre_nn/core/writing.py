@@ -131,7 +131,7 @@ def locked(folder: Path, *, wait: bool = False) -> Generator[None]:
         wait: Whether to wait until that has ended.
     """
     name = os.path.realpath(folder)
-    if fcntl is None or name in _held:
+    if name in _held:
         yield
         return
     Path(name).mkdir(parents=True, exist_ok=True)
@@ -149,7 +149,9 @@ def locked(folder: Path, *, wait: bool = False) -> Generator[None]:
 
 
 def _lock(folder: Path, wait: bool) -> int | None:
-    """Descriptor of a folder's lock; None where the file system has none, or nothing can be written there anyway."""
+    """Descriptor of a folder's lock; None where there are no locks, or nothing can be written there anyway."""
+    if fcntl is None:
+        return None
     path = folder / LOCK
     while True:
         try:

@@ -90,7 +90,8 @@ def _unmodelled(tried: SearchResult, verdict: Decision, chosen: FittedHypothesis
 
 def _with_units(data_set: WhitenedDataSet, formula: Formula, found: Sequence[Value]) -> tuple[Value, ...]:
     """Coefficients of a formula's terms by their names, in units of forces, angles and channels; the rest as it is."""
-    forces = dict(zip("XYN", zip(unit_forces(data_set).tolist(), units(data_set), strict=True), strict=True))
+    equations: Sequence[str] = "XYN"
+    forces = dict(zip(equations, zip(unit_forces(data_set).tolist(), units(data_set), strict=True), strict=True))
     told = []
     for term, v in zip(formula.terms, found, strict=False):
         size, unit = forces.get(term[0]) or formula.unit_of_weight(term)

@@ -70,7 +70,7 @@ class _ClosedLoop(torch.autograd.Function):
 
     @staticmethod
     @once_differentiable
-    def backward(ctx: Any, *cotangents: Tensor) -> tuple[Any, ...]:
+    def backward(ctx: Any, *cotangents: Tensor) -> tuple[Any, ...]:  # type: ignore[override]
         """Cotangents of the weights."""
         ship, controls, froude, before = ctx.of
         velocities, angles, time, forces, *folded = ctx.saved_tensors

@@ -220,8 +220,9 @@ def _description(program: Program, signals: Sequence[Signal], name: str, guid: s
     })  # fmt: skip
     xml.SubElement(xml.SubElement(slave, "SourceFiles"), "File", {"name": "fmu.c"})
     _add_units(root, sorted({_unit(s.quantity.unit) for s in signals} & set(UNITS)))
-    xml.SubElement(xml.SubElement(root, "LogCategories"), "Category", {"name": "logStatusError"})
-    xml.SubElement(root.find("LogCategories") or root, "Category", {"name": "logAll"})
+    categories = xml.SubElement(root, "LogCategories")
+    for category in ("logStatusError", "logAll"):
+        xml.SubElement(categories, "Category", {"name": category})
     p = program.vessel.model.particulars
     step = f"{p.sample_interval:g}"
     xml.SubElement(root, "DefaultExperiment", {"startTime": "0", "stopTime": f"{p.record_length:g}", "stepSize": step})

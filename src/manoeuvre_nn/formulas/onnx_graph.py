@@ -27,7 +27,7 @@ from manoeuvre_nn.formulas.state import parameters_of, rate_of, state_of
 
 try:
     import onnx
-    from onnx import TensorProto, helper, numpy_helper
+    from onnx import TensorProto, checker, helper, numpy_helper
 except ImportError:  # an extra
     onnx = None  # type: ignore[assignment]
 
@@ -119,7 +119,7 @@ def _model(
         whole: json.dumps([{"name": q.name, "unit": q.unit, "meaning": harmless(q.meaning)} for q in outputs]),
         **({"axes": AXES} if program.gives_rates else {}),
     })  # fmt: skip
-    onnx.checker.check_model(model, full_check=True)
+    checker.check_model(model, full_check=True)
     return model.SerializeToString(deterministic=True)
 
 

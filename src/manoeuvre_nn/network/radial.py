@@ -134,7 +134,9 @@ class GeneralRegression(Network):
         like = self.widths
         self.records, self.values, self.widths = x.to(like), y.to(like), widths.to(like)
 
-    def _load_from_state_dict(self, state_dict: dict[str, Any], prefix: str, *args: Any) -> None:
+    def _load_from_state_dict(  # type: ignore[override]
+        self, state_dict: dict[str, Any], prefix: str, *args: Any
+    ) -> None:
         """Make room for as many records as the state has; torch then copies them."""
         for name in ("records", "values"):
             stored, own = state_dict.get(prefix + name), getattr(self, name)

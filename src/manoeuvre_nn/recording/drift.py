@@ -281,7 +281,7 @@ def track_less_velocities(recording: Recording) -> tuple[float, float] | None:
     """
     if not {"u", "v", "psi", "x", "y"} <= set(recording.channels) or {"u", "x"} & recording.derived:
         return None
-    there: Bool[np.ndarray, " n"] = np.isfinite(recording.stacked("u", "v", "psi", "x", "y")).all(axis=-1)
+    there: Bool[np.ndarray, " n"] = np.all(np.isfinite(recording.stacked("u", "v", "psi", "x", "y")), axis=-1)
     c: Mapping[str, Series] = {k: recording[k][there] for k in ("u", "v", "psi", "x", "y")}
     time = recording.time[there]
     made = [np.trapezoid(rate, time) for rate in body_to_earth(c["u"], c["v"], c["psi"])]

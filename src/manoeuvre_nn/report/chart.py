@@ -190,7 +190,7 @@ def _write(axes: Axes, mark: Mark) -> None:
 def _outlines(curve: Curve) -> Path:
     """All outlines of a filled curve, each closed where its gap is."""
     corners = np.stack([curve.x, curve.y], axis=-1)
-    whole = np.isfinite(corners).all(axis=1)
+    whole = np.all(np.isfinite(corners), axis=1)
     begins = whole & ~np.concatenate([[False], whole[:-1]])
     codes = np.select([begins, whole], [Path.MOVETO, Path.LINETO], Path.CLOSEPOLY)
     return Path(np.where(whole[:, None], corners, 0.0), codes)

@@ -186,10 +186,12 @@ def _environment(package: str) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.globals |= {"columns": columns, "html_cells": html_cells, "long_table": LONG_TABLE, "text": text}
+    values: dict[str, Any] = made.globals
+    tests: dict[str, Any] = made.tests
+    values |= {"columns": columns, "html_cells": html_cells, "long_table": LONG_TABLE, "text": text}
     made.filters["breakable"] = _breakable
     # Pages of others, such as those of studies, may call other things by the same headings.
-    made.globals["explained"] = made.tests["explained"] = explained if package == OURS else _unknown
+    values["explained"] = tests["explained"] = explained if package == OURS else _unknown
     return made
 
 

@@ -268,7 +268,8 @@ def _draw_curve(axes: Axes, curve: pd.DataFrame, look: Mapping[str, Any]) -> Non
     for ended, marker in ((False, look["marker"]), (True, "x")):
         some = curve[curve.ended == ended]
         if len(some):
-            axes.plot(some.value.to_list(), some.dev.to_list(), linestyle="", **{**look, "marker": marker})
+            points: dict[str, Any] = {**look, "marker": marker, "linestyle": ""}
+            axes.plot(some.value.to_list(), some.dev.to_list(), **points)
     if pd.api.types.is_numeric_dtype(curve.value):
         medians = curve.groupby("value").dev.median()
         axes.plot(medians.index.to_list(), medians.to_list(), color=look["color"], linewidth=1.3)

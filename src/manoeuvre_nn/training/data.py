@@ -3,7 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal
 
 import lightning as L
 import numpy as np
@@ -171,7 +171,7 @@ class ManoeuvreData(ABC, L.LightningDataModule):
     def form_tuples(self) -> None:
         """Tuples of the recordings; a known part that learns its own coefficients does so first."""
         self.tuples = to_tuples(self.recordings, self.known)
-        learnt = getattr(self.known, "learnt", None)
+        learnt: Any = getattr(self.known, "learnt", None)
         if learnt is not None:
             self.known = learnt(self.tuples)
             self.tuples = to_tuples(self.recordings, self.known)

@@ -71,7 +71,7 @@ def _process_noise() -> None:
 def _relinearisation() -> None:
     """Runs stay linearised about the states of the smoother."""
     search.MIN_GAIN_TO_RELINEARISE = inf
-    fits.MAX_PASSES = 0
+    fits.MAX_PASSES = 0  # type: ignore[assignment]
 
 
 def _other_runs() -> None:

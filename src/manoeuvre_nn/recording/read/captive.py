@@ -118,13 +118,14 @@ def captive_mapping(**settings: Any) -> CaptiveMapping:
     lacking = [name for name in NEEDED if name not in columns]
     if lacking:
         raise InputError(f"captive mapping: columns has no {', '.join(lacking)}")
-    others = {k: v for k, v in settings.items() if k != "columns"}
+    others: dict[str, Any] = {k: v for k, v in settings.items() if k != "columns"}
     side_sign("captive mapping: rudder_positive_to", others.get("rudder_positive_to", "starboard"))
     check_choice("captive mapping: area", others.get("area", AREAS[0]), AREAS)
     point = others.get("moment_point", 0.0)
     if not is_number(point):
         raise InputError(f"captive mapping: moment_point={point!r}; write ship lengths, e.g. 0.02")
-    return CaptiveMapping(columns, **{**others, "moment_point": float(point)})
+    others["moment_point"] = float(point)
+    return CaptiveMapping(columns, **others)
 
 
 def read_captive(path: str | Path, mapping: CaptiveMapping) -> CaptiveTests:

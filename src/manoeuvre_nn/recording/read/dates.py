@@ -1,5 +1,7 @@
 """Time stamps whose dates are not written as 2026-05-02: 02.05.2026, 2026/05/02, 02/05/2026, 05/02/2026 09:00:00 AM."""
 
+from typing import Any
+
 import pandas as pd
 
 DATED = (
@@ -56,5 +58,11 @@ def _iso(parts: pd.DataFrame, month: str, day: str) -> "pd.Series[str]":
 
 def unlike(one: pd.Series, other: pd.Series) -> int | None:
     """The first sample whose time since the first of all depends on the reading; None if there is none."""
-    differ = ((one - one.dropna().iloc[:1].squeeze()) != (other - other.dropna().iloc[:1].squeeze())) & one.notna()
+    differ = (_since_first(one) != _since_first(other)) & one.notna()
     return int(differ.to_numpy().argmax()) if differ.any() else None
+
+
+def _since_first(stamps: pd.Series) -> pd.Series:
+    """Times since the first that is there."""
+    first: Any = stamps.dropna().iloc[:1].squeeze()
+    return stamps - first

@@ -165,7 +165,7 @@ def _columns(name: str, value: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
     """Vectors of an array: itself, or the columns of a matrix."""
     if value.dtype.kind not in "fiuU" or value.size < 2:
         return
-    flat = value.ravel() if 1 in value.shape else value
+    flat: np.ndarray = value.ravel() if 1 in value.shape else value
     if flat.ndim == 1:
         yield name, flat
     elif flat.ndim == 2 and value.dtype.kind != "U" and flat.shape[1] <= MAX_COLUMNS:
