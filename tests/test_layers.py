@@ -1,10 +1,12 @@
 """The rules of the house that no linter knows: which way imports run, how long things are, what they may be called."""
 
 import ast
+import runpy
 from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 from typing import NamedTuple
+from unittest.mock import patch
 
 import house_rules
 import pytest
@@ -148,9 +150,14 @@ def test_the_package_and_its_config_know_nothing_of_studies():
     assert [name_of(p) for p in (ROOT / "conf").rglob("*.yaml") if "studies." in p.read_text()] == []
 
 
-def test_the_wheel_holds_the_package_and_its_conf_alone():
-    made = (ROOT / "setup.py").read_text()
-    assert 'packages=[*find_packages("src"), "manoeuvre_nn.conf"]' in made
+def test_the_wheel_holds_the_package_and_its_conf_alone(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    with patch("setuptools.setup") as made:
+        runpy.run_path("setup.py")
+    packages = made.call_args.kwargs["packages"]
+    assert {name.partition(".")[0] for name in packages} == {"manoeuvre_nn"}
+    assert {"manoeuvre_nn.core", "manoeuvre_nn.recording.sample", "manoeuvre_nn.conf.ship"} <= set(packages)
+    assert not any("__pycache__" in name for name in packages)
     assert [p.name for p in (ROOT / "src").iterdir() if p.is_dir() and (p / "__init__.py").exists()] == ["manoeuvre_nn"]
 
 
