@@ -4,13 +4,8 @@ from setuptools import find_namespace_packages, setup
 
 CONF = "manoeuvre_nn.conf"
 
-
-def folders(place: str) -> list[str]:
-    """All folders of a place, those that hold no code included: setuptools warns of data in what is not named."""
-    return find_namespace_packages(place, exclude=["*__pycache__*"])
-
-
+# All folders, those that hold no code included: setuptools warns of data in what is not named.
 setup(
-    packages=[*folders("src"), CONF, *(f"{CONF}.{group}" for group in folders("conf"))],
+    packages=[*find_namespace_packages("src"), CONF, *(f"{CONF}.{group}" for group in find_namespace_packages("conf"))],
     package_dir={"": "src", CONF: "conf"},
 )

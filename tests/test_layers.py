@@ -157,7 +157,6 @@ def test_the_wheel_holds_the_package_and_its_conf_alone(monkeypatch):
     packages = made.call_args.kwargs["packages"]
     assert {name.partition(".")[0] for name in packages} == {"manoeuvre_nn"}
     assert {"manoeuvre_nn.core", "manoeuvre_nn.recording.sample", "manoeuvre_nn.conf.ship"} <= set(packages)
-    assert not any("__pycache__" in name for name in packages)
     assert [p.name for p in (ROOT / "src").iterdir() if p.is_dir() and (p / "__init__.py").exists()] == ["manoeuvre_nn"]
 
 
