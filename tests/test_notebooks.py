@@ -155,6 +155,7 @@ def test_what_lies_inside_the_box_of_the_data_may_still_be_missed_and_the_spread
     assert all(one.status == "ok" for one in left["after"])
 
 
+@pytest.mark.slow  # what is simulated is diagnosed in test_front_door.py
 @forms({
     'mnn.read("sample")': '[run for run in mnn.read("sample") if run.name not in {"zz10", "zz20"}]',
     'held_out=["zz20", "tc25"]': 'held_out=["tc25"]',

@@ -122,7 +122,8 @@ def test_about_its_own_states_a_gusty_wind_is_fitted_with_its_gusts():
     assert without.errors[1] > 3 * there.errors[1] and there.best[0] == without.best[0] != found.best[0]
 
 
-@pytest.mark.parametrize("memory", mainly(1, [60.0, 20.0]))
+@pytest.mark.slow  # the averages are taken in test_gusts_weighed.py
+@pytest.mark.parametrize("memory", [60.0, 20.0])
 def test_gusts_are_averaged_over_how_long_they_last(memory):
     """Those of a minute would be held for smaller ones of half a minute, and these for ones as well known."""
     likelihood, _, found = found_gusty(memory)

@@ -42,6 +42,7 @@ def scale(found: Nature, name: str) -> Value:
     return next(v for v in found.scales if v.name == name)
 
 
+@pytest.mark.slow  # a random one is found below, periods in test_periodograms.py
 def test_a_periodic_yaw_moment_has_its_period_its_phase_and_its_amplitude():
     d = diagnose(asked(strange_runs(2, Stranger(0.15, "N", periodic(50.0)))))
     found = nature(d)
@@ -69,7 +70,7 @@ def test_a_periodic_yaw_moment_of_another_phase_in_each_run_has_its_period_and_i
     assert "with that, its size and phase taken from each run, the predicted" in d.sentence
 
 
-@pytest.mark.slow  # seven seconds each; the periodic one goes the same way
+@pytest.mark.slow  # seven seconds
 def test_a_yaw_moment_that_grows_has_its_growth_a_minute():
     d = diagnose(asked(strange_runs(4, Stranger(0.2, "N", ramp))))
     found = nature(d)
@@ -81,7 +82,7 @@ def test_a_yaw_moment_that_grows_has_its_growth_a_minute():
     assert closed(d) > 0.8 and "grows with time" in d.sentence
 
 
-@pytest.mark.slow  # seven seconds each; the periodic one goes the same way
+@pytest.mark.slow  # seven seconds
 def test_a_side_force_that_follows_the_rudder_late_has_its_memory():
     d = diagnose(asked(strange_runs(3, Stranger(1.0, "Y", of("d"), lag=40.0), scatter=0.01)))
     found = nature(d)

@@ -163,6 +163,7 @@ def test_an_event_that_no_held_out_run_had_is_named_by_the_run_that_had_it():
     assert check.passed and "did not act in a held-out run: not proved" in check.text
 
 
+@pytest.mark.slow  # claims are put to the proof in test_claims_put_to_proof.py
 def test_a_claim_that_runs_which_were_not_used_do_not_bear_out_is_in_no_headline():
     """A current in the fitted runs alone: the search is sure of it, and the held-out run had none."""
     records = sail(TRIALS[:-1], TRUE["current"], step=LONG_STEP) + sail(TRIALS[-1:], step=LONG_STEP)

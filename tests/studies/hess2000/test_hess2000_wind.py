@@ -37,6 +37,7 @@ def test_the_ship_in_calm_air_errs_by_the_wind_alone(windy):
     assert wind["y"]["unseen"] > 20 * calm["y"]["unseen"]
 
 
+@pytest.mark.slow
 def test_pairs_share_a_wind_which_is_not_handed_on(windy):
     ((first, second),) = pairs(windy)
     assert first["wind_from"][0] == second["wind_from"][0] and abs(second["psi"][0] - first["psi"][0]) > 3.0

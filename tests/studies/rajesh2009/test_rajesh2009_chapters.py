@@ -51,6 +51,7 @@ def test_table_2_as_labelled_does_not_give_g():
     assert min(e for r, (e, _) in readings().items() if r.activation == "sigmoid") > 1000
 
 
+@pytest.mark.slow
 def test_no_other_reading_of_table_2_is_as_good_not_even_with_output_weights_of_its_own():
     best = table2.Reading()
     others = [(e, b) for r, (e, b) in readings().items() if r != best]

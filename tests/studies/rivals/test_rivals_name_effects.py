@@ -69,7 +69,7 @@ def test_two_effects_are_named_together(method):
     assert found.evidence.gain > found.none.criterion - min(f.criterion for f in found.fits if len(f.names) == 1)
 
 
-@pytest.mark.parametrize("method", mainly(3, ["pysindy", "sample_split", "structural", "regression"]))
+@pytest.mark.parametrize("method", mainly(1, ["structural", "pysindy", "sample_split", "regression"]))
 def test_nothing_is_found_where_nothing_is(method):
     _, found, said = judged(method)
     assert (said["verdict"], said["model"]) == ("none", [])

@@ -200,7 +200,8 @@ def test_with_the_true_sway_velocity_the_prediction_is_the_simulation(angle):
     np.testing.assert_allclose(ahead["r"], run["r"], atol=2e-4 * np.abs(run["r"]).max())
 
 
-@pytest.mark.parametrize("angle", mainly(1, [20, 30]))
+@pytest.mark.slow
+@pytest.mark.parametrize("angle", [20, 30])
 def test_two_branches_cure_what_one_network_cannot_do(angle):
     order, dev = turning_circle(float(angle), duration=300.0), {}
     for branches in (1, 2):

@@ -183,6 +183,7 @@ def test_the_middling_run_is_the_one_with_the_median_deviation():
     assert flight.middle("tc25") is flight.runs["tc25"][worse]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("good", "verdict"), [(0.1, "holds"), (0.05, "holds in direction"), (0.001, "does not hold")])
 def test_a_prediction_is_judged_by_its_deviation_and_every_verdict_says_why(good, verdict):
     flights = {"published": sailed()["theirs"]} | dict.fromkeys(STARTS, sailed()["ours"])
