@@ -25,7 +25,6 @@ def test_a_random_sway_force_is_not_the_event_that_it_looks_like():
     assert d.strange and d.unknown > 0.9 and d.lead > 5
 
 
-@pytest.mark.slow  # events are named in test_events_by_run.py
 def test_a_push_is_no_random_force():
     d = decided(3, SideForce(SHIP, force_kN=300.0, lever_m=10.0, start_s=120.0, end_s=260.0))
     assert d.named and d.effects["side_force"] > 0.9
