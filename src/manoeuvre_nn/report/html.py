@@ -104,7 +104,7 @@ def picture(words: str, figure: Figure, chart: Chart | None = None) -> Picture:
 def save_figures(figures: Mapping[str, Figure], folder: Path) -> dict[str, Path]:
     """Write figures as PNG: ``zz20/time series`` as ``zz20_time_series.png``.
 
-    They are laid out once: a page that draws them again has them as they are in the files.
+    A page that draws them again has them laid out as they are in the files.
 
     Args:
         figures: Name -> figure; changed in place.
@@ -116,14 +116,23 @@ def save_figures(figures: Mapping[str, Figure], folder: Path) -> dict[str, Path]
     paths = {name: folder / f"{as_file_name(name)}.png" for name in figures}
     for name, figure in figures.items():
         save_figure(figure, paths[name], dpi=110)
-        figure.set_layout_engine("none")
     return paths
 
 
 def save_figure(figure: Figure, path: Path, dpi: int) -> None:
     """Write a figure to a file of the kind that its ending says."""
+    _lay_out(figure, dpi)
     with draft_of(path) as draft:
         figure.savefig(draft, format=path.suffix.removeprefix("."), dpi=dpi)
+
+
+def _lay_out(figure: Figure, dpi: int) -> None:
+    """Place all axes, once: with a layout engine matplotlib draws a figure one time more whenever it is saved."""
+    engine = figure.get_layout_engine()
+    if engine is not None and figure.axes:
+        figure.set_dpi(dpi)
+        engine.execute(figure)
+        figure.set_layout_engine(None)
 
 
 def write_page(path: Path, template: str, package: str = OURS, **content: Any) -> Path:
@@ -216,6 +225,7 @@ def data_address(figure: Figure) -> str:
     """A figure as an address that carries the image itself, without ground; the same figure gives the same text."""
     # An image of its own, unlike SVG among the page's elements, cannot share identifiers with another one.
     buffer = io.BytesIO()
+    _lay_out(figure, dpi=150)
     with mpl.rc_context({"svg.hashsalt": "manoeuvre-nn"}):
         figure.savefig(buffer, format="svg", metadata={"Date": None}, dpi=150, transparent=True)
     # A hundredth of a point is not seen; more digits double the page.
