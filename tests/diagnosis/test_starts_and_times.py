@@ -97,14 +97,15 @@ def test_a_fit_of_an_event_begins_at_its_three_best_directions_and_levers_each_a
     effect = Tow(SHIP)
     rows, names = windows._grid(effect), [p.name for p in effect.declared]
     size, angle, lever = (rows[:, names.index(name)] for name in ("force_kN", "angle_deg", "lever_m"))
-    gains = 40.0 - 0.01 * angle - np.where(lever == 50.0, 0.0, 3.0) - np.abs(np.log2(np.abs(size) / 100.0))
+    ahead = lever.max()
+    gains = 40.0 - 0.01 * angle - np.where(lever == ahead, 0.0, 3.0) - np.abs(np.log2(np.abs(size) / 100.0))
     monkeypatch.setattr(windows, "block_columns", lambda *_: None)
     monkeypatch.setattr(windows, "in_blocks", lambda *_: [Told(gains)])
     grid = windows.EventGrid(SimpleNamespace(data_set=SimpleNamespace(runs=[0])), effect)
     found = [dict(zip(names, values[0].tolist(), strict=True)) for values in grid.best_windows(0, 0)]
-    best = rows[(lever == 50.0)]
+    best = rows[(lever == ahead)]
     nearest = best[np.abs(np.log2(np.abs(best[:, 0]) / 100.0)).argmin(), 0]
-    assert [(one["angle_deg"], one["lever_m"]) for one in found] == [(a, 50.0) for a in sorted(set(angle))[:3]]
+    assert [(one["angle_deg"], one["lever_m"]) for one in found] == [(a, ahead) for a in sorted(set(angle))[:3]]
     assert all(abs(one["force_kN"]) == approx(abs(nearest)) for one in found)
     assert all((one["start_s"], one["end_s"]) == (100.0, 140.0) for one in found)
 

@@ -57,7 +57,7 @@ def test_effects_declare_the_numbers_that_results_were_measured_with():
             assert all(bool(value.isfinite().all()) for value in said.values()), name
 
 
-def test_sizes_go_with_length_by_froudes_law_and_bounds_with_the_ship():
+def test_sizes_go_with_length_by_froudes_law_and_what_is_on_board_with_the_ship():
     """A model of 3 m: lengths by 3/160, speeds and times by its root, forces by its cube; instruments stay."""
     assert UNIT_POWERS == {"m": 1.0, "m/s": 0.5, "kN": 3.0}
     share, model = 3.0 / 160.0, made("current", "mariner").ship.particulars
@@ -70,7 +70,14 @@ def test_sizes_go_with_length_by_froudes_law_and_bounds_with_the_ship():
     assert by["force_kN"].spread == approx(250 * share**3) and by["bias_deg_s"].spread == 0.05
     assert (by["dx_m"].low, by["dx_m"].high, by["dy_m"].high) == approx((-1.8, 1.8, 0.3))
     assert by["start_2_s"].starts == (float("inf"),) and by["period_s"].starts == (4.0,), "starts stay within bounds"
-    assert by["lever_m"].starts == approx((0.0, 50 * share, -50 * share))
+    assert (by["lever_m"].spread, by["dy_m"].spread) == approx((0.9, 0.15)) and by["lever_m"].starts == approx((
+        0,
+        0.9,
+        -0.9,
+    ))
+    trims = [made("trim_change", ship) for ship in ("mariner", "esso_190k")]
+    of_draught = [t.declared[0].spread / t.ship.particulars.draught for t in trims]
+    assert of_draught == approx([0.2, 0.2]), "1.5 m of a cargo ship, 3.7 m of a tanker"
 
 
 def test_a_slow_rudder_is_measured_by_the_ships_own_gear():

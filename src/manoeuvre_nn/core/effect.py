@@ -37,8 +37,8 @@ class Parameter:
         low: Smallest value that is possible at sea, times what ``within`` names.
         high: Largest.
         null: Value at which the effect vanishes; None if another parameter makes it vanish (a direction).
-        spread: How large the effect usually is [unit].
-        starts: Values from which a fit is tried.
+        spread: How large the effect usually is, in the unit, or times what ``within`` names.
+        starts: Values from which a fit is tried, likewise.
         period: 360 for directions, None otherwise.
         form: Whether it describes the uncertainty of the formula (a factor on a published curve) rather than the
             effect: it is estimated with its prior and not reported.
@@ -50,8 +50,8 @@ class Parameter:
             effect is the size of the process, 0 without one.
         power: Exponent of length with which its usual size goes by Froude's law; None takes that of the unit, and 0 for
             all units but m, m/s and kN: what instruments and helmsmen do is no matter of length.
-        within: Dimension of the ship in which the bounds are given (``length``, ``beam``, ``draught``: an antenna is
-            on board); empty for bounds in the unit.
+        within: Dimension of the ship in which all of these are given (``length``, ``beam``, ``draught``: an antenna is
+            on board); empty for the unit.
         sides: What a positive value means to a person, and a negative one (``to starboard``, ``to port``); empty where
             the sign needs no words.
     """
@@ -78,11 +78,11 @@ class Parameter:
         return self.per_run and self.null is None
 
     def on(self, ship: Particulars) -> "Parameter":
-        """The parameter on a ship: spread and starts as usual, on models by Froude's law, bounds by her dimensions."""
+        """The parameter on a ship: by her dimensions, or spread and starts as usual, on models by Froude's law."""
         power = UNIT_POWERS.get(self.unit, 0.0) if self.power is None else self.power
-        share = float(ship.sized([1.0], [power])[0])
         size = getattr(ship, self.within) if self.within else 1.0
         low, high = self.low * size, self.high * size
+        share = size if self.within else float(ship.sized([1.0], [power])[0])
         starts = tuple(start if start == inf else min(max(share * start, low), high) for start in self.starts)
         return replace(self, low=low, high=high, spread=share * self.spread, starts=starts, within="")
 

@@ -112,8 +112,8 @@ class LeverArm(_Sensor):
     fingerprint = "Sway over ground gains a share of the yaw rate, and the turning circle changes its radius."
     source = "Rigid body: x_m = x + dx cos psi - dy sin psi and its rate"
     declared = (
-        Parameter("dx_m", "m", -0.6, 0.6, 0.0, 50.0, (30.0, -30.0), within="length", sides=LENGTHWISE),
-        Parameter("dy_m", "m", -0.6, 0.6, 0.0, 10.0, (0.0,), within="beam", sides=ACROSS),
+        Parameter("dx_m", "m", -0.6, 0.6, 0.0, 0.3, (0.2, -0.2), within="length", sides=LENGTHWISE),
+        Parameter("dy_m", "m", -0.6, 0.6, 0.0, 0.3, (0.0,), within="beam", sides=ACROSS),
     )
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
@@ -158,7 +158,7 @@ class WrongFrame(_Sensor):
     equations = ("sensor:vn", "sensor:ve")
     fingerprint = "Sway over ground gains a share of the yaw rate although the track is that of the reference point."
     source = "Rigid body: v_m = v + dx r"
-    declared = (Parameter("dx_m", "m", -0.6, 0.6, 0.0, 50.0, (30.0, -30.0), within="length", sides=LENGTHWISE),)
+    declared = (Parameter("dx_m", "m", -0.6, 0.6, 0.0, 0.3, (0.2, -0.2), within="length", sides=LENGTHWISE),)
 
     def record(self, channels: Mapping[str, Tensor], s: Situation) -> dict[str, Tensor]:
         """Velocity of the other point."""
