@@ -27,22 +27,22 @@ pytestmark = pytest.mark.usefixtures("unchecked_types")
 
 ONE, TWO, RULE = ("current",), ("current", "log_scale"), ("formula",)
 PROVED = [  # effects, model was fitted, gain in fitted runs, in held-out ones, growth of the error; whether it is named
-    (ONE, False, 5.5, 0.3, 1.0, False), (ONE, False, 5.5, 0.7, 1.0, True), (ONE, False, 30.0, -4.8, 1.0, True),
+    (ONE, False, 4.5, 0.3, 1.0, False), (ONE, False, 4.5, 0.7, 1.0, True), (ONE, False, 30.0, -4.8, 1.0, True),
     (ONE, False, 30.0, -5.2, 1.0, False), (ONE, False, 30.0, 9.0, 1.04, True), (ONE, False, 30.0, 7.5, 1.06, False),
     (ONE, False, 30.0, 8.5, 1.06, True),  # enough by itself, whatever free runs do
     (ONE, True, 30.0, 2.8, 1.0, False),  # the errors of a fitted model may look like an effect
     (ONE, True, 30.0, 3.2, 1.0, True), (ONE, True, 30.0, 7.5, 1.01, False), (ONE, True, 30.0, 8.5, 1.01, True),
     (ONE, True, 30.0, 8.5, 1.06, False), (TWO, True, 30.0, 13.5, 1.01, False), (RULE, False, 30.0, 2.8, 1.0, False),
-    (RULE, False, 30.0, 3.2, 1.0, True), (TWO, False, 9.5, 2.2, 1.0, False), (TWO, False, 9.5, 2.8, 1.0, True),
+    (RULE, False, 30.0, 3.2, 1.0, True), (TWO, False, 8.5, 2.2, 1.0, False), (TWO, False, 8.5, 2.8, 1.0, True),
     (ONE, True, 4.5, 3.2, 1.0, False), (ONE, True, 4.5, 3.8, 1.0, True),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("names, trained, fitted, held_out, growth, named", PROVED)
-def test_a_named_effect_must_gain_six_in_fitted_and_held_out_runs_together(
+def test_a_named_effect_must_gain_five_in_fitted_and_held_out_runs_together(
     monkeypatch, names, trained, fitted, held_out, growth, named
 ):
-    """And six more for a second one, eight beside a fitted model, and in held-out runs alone where free runs get worse.
+    """And six for a second one, eight beside a fitted model, and in held-out runs alone where free runs get worse.
 
     Whatever is gained in fitted runs, held-out ones refute what loses five there.
     """

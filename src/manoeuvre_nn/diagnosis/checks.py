@@ -33,8 +33,8 @@ SIZE_CONFIDENCE = 0.954
 """Confidence, two standard errors of one number, at which the sizes of an effect must not be those of none."""
 ALONE_CONFIDENCE = 1 - 0.01 / 25
 """The same of an effect that is named alone, 3.5 standard errors of one number: in fewer than 1 % of clean cases one of
-some 25 candidates is so large. The log evidence that is asked for, 6, is at most ``z^2 / 2`` and needs as much: values
-that are less clear, averaged over what else may be, do not bear it out."""
+some 25 candidates is so large. The log evidence that is asked for, 5, takes as much (``z^2 / 2`` less what the width of
+the prior costs): values that are less clear, averaged over what else may be, do not bear it out."""
 INDISTINGUISHABLE = 9.0
 """Expected gap, twice the log evidence, below which two effects are reported together."""
 

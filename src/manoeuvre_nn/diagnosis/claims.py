@@ -30,11 +30,13 @@ from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.noise_average import averaged
 from manoeuvre_nn.scoring.free_runs import cost, counted_as_one
 
-MIN_GAIN_OF_NAMED, SURE_BY_ITSELF = 6.0, 8.0
-"""Least log Bayes factor over calm water of a named effect, in fitted and held-out runs together: that of one number is
-``chi^2 / 2`` less Occam's factor, and with one of e^.5 or more fewer than 1 % of clean cases reach it by any of some 25
-candidates. And the one that fewer reach whatever is compared (Markov's inequality): what held-out runs alone must have
-where free runs get worse, and all runs where errors of a fitted model may look like an effect."""
+MIN_GAIN_OF_NAMED, SURE_BY_ITSELF = 5.0, 8.0
+"""Least log Bayes factor over calm water of a named effect, in fitted and held-out runs together: fewer than 1 % of
+clean cases reach it by any of some 25 candidates. With K the prior variance of its numbers over that of their errors it
+is ``chi^2 / 2 K / (1 + K) - k / 2 ln(1 + K)`` for k numbers: where chi^2 is what one of 2500 exceeds, at most 4.5 for
+one number and 5.0 for four, whatever K. And the one that fewer reach whatever is compared (Markov's inequality): what
+held-out runs alone must have where free runs get worse, and all runs where errors of a fitted model may look like an
+effect."""
 PROVED = 3.0
 """Log evidence that a formula must add on held-out runs, and any effect where the model was fitted."""
 REFUTED = -5.0
