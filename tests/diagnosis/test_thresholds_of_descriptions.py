@@ -89,20 +89,22 @@ def test_a_formula_has_four_terms_at_most():
     assert chosen_terms([9.0, 8.0, 7.0, 6.0, 5.0]) == [0, 1, 2, 3]
 
 
-FORMULAS = [  # terms, memory [L/U0], whether a calm-water model could have them all
-    (["Y v|v|"], None, True),
-    (["N r|r| cos psi"], None, False),
-    (["Y v|v|", "N r|r| cos psi"], None, False),
-    (["Y lag d"], 0.48, True),
-    (["Y lag d"], 0.52, False),
+MIXED = ["Y v|v|", "N r|r| cos psi"]
+FORMULAS = [  # terms, memory [L/U0], log evidence of the second alone, what is left of 50; the terms that are told
+    (["Y v|v|"], None, 0.0, 50.0 - 12.0, 1),
+    (["N r|r| cos psi"], None, 0.0, 50.0, 1),
+    (["Y lag d"], 0.48, 0.0, 50.0 - 12.0, 1),
+    (["Y lag d"], 0.52, 0.0, 50.0, 1),
+    (MIXED, None, 35.0, 50.0 - 12.0, 2),
+    (MIXED, None, 36.0, 36.0, 1),
 ]
 
 
-@pytest.mark.parametrize("terms, memory, ordinary", FORMULAS)
-def test_a_formula_pays_for_its_choice_and_twelve_if_a_calm_water_model_could_have_it(
-    monkeypatch, terms, memory, ordinary
+@pytest.mark.parametrize("terms, memory, alone, left, told", FORMULAS)
+def test_a_formula_pays_for_its_choice_and_twelve_for_terms_that_a_calm_water_model_could_have(
+    monkeypatch, terms, memory, alone, left, told
 ):
-    """Of ten candidates in four sizes; two terms are one choice whatever their order."""
+    """Of ten candidates in four sizes; two terms are one choice whatever their order. Or it goes without."""
     scales = {} if memory is None else {"memory_s": memory * SHIP.particulars.time_unit}
     candidates = [formula._Candidate((t,), scales=scales) for t in terms] + [None] * (10 - len(terms))
     monkeypatch.setattr(formula, "_candidates", lambda data_set: candidates)
@@ -113,11 +115,14 @@ def test_a_formula_pays_for_its_choice_and_twelve_if_a_calm_water_model_could_ha
     likelihood = SimpleNamespace(
         data_set=data_set,
         improve=lambda start, level, scatter, rounds: (start, 0.0),
-        evaluate=lambda h, around: FittedHypothesis(h, 50.0, np.zeros((1, 1)), np.eye(3)),
+        evaluate=lambda h, around: FittedHypothesis(
+            h, 50.0 if len(h.effects[0].terms) == len(terms) else alone, np.zeros((1, 1)), np.eye(3)
+        ),
     )
-    choice = np.log(40.0) if len(terms) == 1 else np.log(40.0) + np.log(4.0 * 9.0 / 2.0)
+    choice = np.log(40.0) if told == 1 else np.log(40.0) + np.log(4.0 * 9.0 / 2.0)
     found = formula.short_formula(likelihood, fitted(0.0))
-    assert found.evidence == approx(50.0 - choice - 12.0 * ordinary, abs=1.0 if ordinary else 1e-9)
+    assert found.hypothesis.effects[0].terms == tuple(terms[-told:])
+    assert found.evidence == approx(left - choice, abs=1e-9)
 
 
 def test_something_unknown_is_averaged_over_noise_near_calm_waters_and_its_formula_is_half_of_it(monkeypatch):

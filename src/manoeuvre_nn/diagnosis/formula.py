@@ -19,8 +19,8 @@ from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 MAX_TERMS = 4
 """Terms in a formula."""
 ORDINARY = 12.0
-"""Log evidence that a formula must have besides if a calm-water model could have all its terms: it may be a coefficient
-that is off by more than is usual."""
+"""Log evidence that a formula must have besides for terms that a calm-water model could have: they may be coefficients
+that are off by more than is usual."""
 SIZES = (0.02, 0.1, 0.4, 1.5)
 """What a term may add, root mean square over the runs, over the resistance and the force of 20 deg of rudder."""
 PROMPT = 0.5
@@ -90,7 +90,8 @@ def short_formula(likelihood: MarginalLikelihood, none: FittedHypothesis) -> Fit
     from the inner products, coefficients, initial states, latency and process noise integrated out.
 
     Returns:
-        The formula, its evidence less what the choice of its terms costs; None if no term is worth that.
+        The formula, its evidence less what the choice of its terms costs; without the terms that a calm-water model
+        could have if it is likelier so. None if no term is worth that.
     """
     data_set = likelihood.data_set
     candidates = _candidates(data_set)
@@ -99,24 +100,33 @@ def short_formula(likelihood: MarginalLikelihood, none: FittedHypothesis) -> Fit
     unit = 1 / np.sqrt(np.mean([m for _, m in made], axis=0) + 1e-12)
     level, scatter = data_set.levels.quiet(none.best[0]), min(none.best[1], 2)
     gram = data_set.gram(level, data_set.embedded(level, columns), index, len(candidates))
-    chosen = _chosen(gram, data_set, scatter, unit, candidates)
-    if not chosen:
-        return None
-    mine = [candidates[k] for k, _ in chosen]
-    terms = [term for c in mine for term in c.terms]
-    spreads = [float(spread) for c, (_, spread) in zip(mine, chosen, strict=True) for _ in c.terms]
-    effect = Formula(data_set.dynamics.hull, terms, spreads, {k: v for c in mine for k, v in c.scales.items()})
+    chosen = [(candidates[k], spread) for k, spread in _chosen(gram, data_set, scatter, unit, candidates)]
+    found = []
+    while chosen:
+        fitted, usual = _fitted(likelihood, level, scatter, chosen)
+        # How often a period was tried is in its prior.
+        choices = sum(np.log(len(SIZES) * (len(candidates) - k) / (k + 1)) for k in range(len(chosen)))
+        ordinary = ORDINARY if any(usual) else 0.0
+        found.append(replace(fitted, evidence=fitted.evidence - float(choices) - ordinary))
+        chosen = [one for one, is_usual in zip(chosen, usual, strict=True) if any(usual) and not is_usual]
+    return max(found, key=lambda j: j.evidence, default=None)
+
+
+def _fitted(
+    likelihood: MarginalLikelihood, level: int, scatter: int, chosen: Sequence[tuple[_Candidate, float]]
+) -> tuple[FittedHypothesis, list[bool]]:
+    """A formula of some candidates with the prior spreads of their weights; which of them calm water could have."""
+    data_set = likelihood.data_set
+    terms = [term for c, _ in chosen for term in c.terms]
+    spreads = [spread for c, spread in chosen for _ in c.terms]
+    effect = Formula(data_set.dynamics.hull, terms, spreads, {k: v for c, _ in chosen for k, v in c.scales.items()})
     values = effect.values.numpy() * [not p.name.startswith("w") for p in effect.declared]
     start = Hypothesis((effect,), (np.tile(values, (len(data_set.runs), 1)),))
     best, _ = likelihood.improve(start, level, scatter, rounds=5 if len(values) == len(terms) else 9)
-    fitted = likelihood.evaluate(best, around=level)
-    # How often a period was tried is in its prior.
-    choices = sum(np.log(len(SIZES) * (len(candidates) - k) / (k + 1)) for k in range(len(chosen)))
     at = dict(zip((p.name for p in effect.declared), best.values[0][0], strict=True))
     prompt = at.get("memory_s", 0.0) < PROMPT * data_set.dynamics.particulars.time_unit
-    usual = [is_ordinary(term) or (prompt and mark_of(term) == LAG) for term in effect.terms]
-    ordinary = ORDINARY if all(usual) else 0.0
-    return replace(fitted, evidence=fitted.evidence - float(choices) - ordinary)
+    usual = [all(is_ordinary(term) or (prompt and mark_of(term) == LAG) for term in c.terms) for c, _ in chosen]
+    return likelihood.evaluate(best, around=level), usual
 
 
 def _columns(
