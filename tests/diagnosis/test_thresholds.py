@@ -6,12 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from pytest import approx
-from scipy.integrate import trapezoid
-from scipy.stats import cauchy, chi2
 from searches import EFFECTS, fitted, found
 from trials import SHIP, values
 
-from manoeuvre_nn.diagnosis import checks, claims
+from manoeuvre_nn.diagnosis import checks
 from manoeuvre_nn.diagnosis import decision as under_test
 from manoeuvre_nn.diagnosis.decision import (
     PRIOR_NONE,
@@ -30,49 +28,11 @@ from manoeuvre_nn.effect.roll import RollCoupling
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
-from manoeuvre_nn.estimation.posterior import posterior
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
 
 # What is put to the proof, and what it must have ----------------------------------------------------------------------
-
-
-WIDTHS = np.geomspace(0.1, 1000, 400)
-"""Prior standard deviation of an effect's numbers over their standard errors."""
-
-
-def most_by_chance(count: int) -> float:
-    """Log Bayes factor of so many numbers that one of 2500 clean cases has, at the width of the prior that has most."""
-    power = float(chi2.isf(0.01 / 25, count))
-    data = np.append(1.0, np.zeros(count))
-    gram = np.eye(count + 1)
-    gram[0, 0], gram[0, 1], gram[1, 0] = power, np.sqrt(power), np.sqrt(power)
-    with_it = [posterior(gram, 0.0, np.full(count, width), data).evidence[0] for width in WIDTHS]
-    return max(with_it) + 0.5 * power
-
-
-def test_few_clean_cases_reach_the_evidence_of_a_named_effect():
-    """By 25 candidates, of up to four numbers; and whatever is compared (x is reached with probability 1/x: Markov)."""
-    most = [most_by_chance(count) for count in (1, 2, 3, 4)]
-    assert most == approx([4.5, 4.77, 4.9, 4.98], abs=0.01)
-    assert max(most) < claims.MIN_GAIN_OF_NAMED < 1.05 * max(most)
-    assert 25 * np.exp(-claims.SURE_BY_ITSELF) < 0.01 < 25 * np.exp(-0.95 * claims.SURE_BY_ITSELF)
-
-
-def test_heavy_tails_of_a_prior_make_a_name_no_easier():
-    z = float(np.sqrt(chi2.isf(0.01 / 25, 1)))
-    x = np.linspace(-400, 400, 400_001)
-    likely = np.exp(x * z - 0.5 * x**2)  # of the estimate z, over that without the effect
-    assert max(np.log(trapezoid(likely * cauchy.pdf(x, scale=w), x)) for w in WIDTHS[::10]) < most_by_chance(1)
-
-
-@pytest.mark.parametrize("names, least", [
-    (("current",), 5.0), (("current", "log_scale"), 11.0), (("current", "log_scale", "heading_bias"), 17.0)
-])  # fmt: skip
-def test_a_claim_needs_five_and_six_for_each_further_effect(names, least):
-    assert claims.least_gain(fitted(0.0, *names)) == approx(least, abs=0.4)
-    assert claims.least_gain(fitted(0.0, *names), claims.SURE_BY_ITSELF) == approx(least + 3.0, abs=0.4)
 
 
 @pytest.mark.parametrize("names, prior", [

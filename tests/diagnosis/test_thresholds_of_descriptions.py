@@ -13,7 +13,7 @@ from scipy.stats import chi2, norm
 from searches import fitted, found
 from trials import CALM, SHIP, values
 
-from manoeuvre_nn.diagnosis import causes, formula, gusts, locate, predictive, unknown, words
+from manoeuvre_nn.diagnosis import causes, gusts, locate, predictive, unknown, words
 from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.diagnosis.remainder import is_left
 from manoeuvre_nn.diagnosis.result import Residual
@@ -60,69 +60,6 @@ def test_a_velocity_taken_from_positions_is_no_strange_sensor():
 @pytest.mark.parametrize("level, left", [(0.0095, False), (0.0105, True)])
 def test_a_network_is_tried_where_more_than_a_hundredth_is_left(level, left):
     assert is_left(found(levels=[(0.0, level)]).likelihood, fitted(0.0)) is left
-
-
-def gram_of(*pulls: float) -> np.ndarray:
-    """Inner products of data, one nuisance column and independent candidates that each explain pull^2 / 2."""
-    gram = np.diag([sum(p**2 for p in pulls) + 1.0, 1.0, *np.ones(len(pulls))])
-    gram[0, 2:] = gram[2:, 0] = pulls
-    return gram
-
-
-def chosen_terms(pulls, tried=1) -> list[int]:
-    data_set = SimpleNamespace(size=2, runs=[0], nuisance_sd=lambda scatter, runs: np.ones(1))
-    candidates = [formula._Candidate((f"t{k}",), tried=tried) for k in range(len(pulls))]
-    return [k for k, _ in formula._chosen(gram_of(*pulls), data_set, 0, np.ones(len(pulls)), candidates)]
-
-
-def test_terms_are_chosen_as_long_as_each_gains_more_than_the_logarithm_of_its_choices():
-    """With spread s a pull p gains p^2/2 s^2/(1+s^2) - ln(1+s^2)/2, the best s of four 1.5 for p = 3; 8 choices."""
-    gain = 0.5 * 9.0 * 2.25 / 3.25 - 0.5 * np.log(3.25)
-    assert np.log(4 * 2) < gain < np.log(4 * 4)
-    assert chosen_terms([3.0, 0.0]) == [0] and chosen_terms([3.0, 0.0, 0.0, 0.0]) == []
-    assert chosen_terms([2.80, 0.0]) == [0] and chosen_terms([2.74, 0.0]) == [], "ln 8 at a pull of 2.777"
-    assert chosen_terms([5.0, 3.0, 0.0, 0.0]) == [0, 1], "the second has half the choices"
-    assert chosen_terms([3.0, 0.0], tried=8) == [], "a peak among eight frequencies is no better than its search"
-
-
-def test_a_formula_has_four_terms_at_most():
-    assert chosen_terms([9.0, 8.0, 7.0, 6.0, 5.0]) == [0, 1, 2, 3]
-
-
-MIXED = ["Y v|v|", "N r|r| cos psi"]
-FORMULAS = [  # terms, memory [L/U0], log evidence of the second alone, what is left of 50; the terms that are told
-    (["Y v|v|"], None, 0.0, 50.0 - 12.0, 1),
-    (["N r|r| cos psi"], None, 0.0, 50.0, 1),
-    (["Y lag d"], 0.48, 0.0, 50.0 - 12.0, 1),
-    (["Y lag d"], 0.52, 0.0, 50.0, 1),
-    (MIXED, None, 35.0, 50.0 - 12.0, 2),
-    (MIXED, None, 36.0, 36.0, 1),
-]
-
-
-@pytest.mark.parametrize("terms, memory, alone, left, told", FORMULAS)
-def test_a_formula_pays_for_its_choice_and_twelve_for_terms_that_a_calm_water_model_could_have(
-    monkeypatch, terms, memory, alone, left, told
-):
-    """Of ten candidates in four sizes; two terms are one choice whatever their order. Or it goes without."""
-    scales = {} if memory is None else {"memory_s": memory * SHIP.particulars.time_unit}
-    candidates = [formula._Candidate((t,), scales=scales) for t in terms] + [None] * (10 - len(terms))
-    monkeypatch.setattr(formula, "_candidates", lambda data_set: candidates)
-    monkeypatch.setattr(formula, "_columns", lambda data_set, run, some: (None, np.zeros(10)))
-    monkeypatch.setattr(formula, "_chosen", lambda *_: [(k, 0.1) for k in range(len(terms))])
-    data_set = SimpleNamespace(runs=[0], dynamics=CALM, levels=PROCESS_LEVELS)
-    data_set.gram, data_set.embedded = lambda *_: None, lambda *_: None
-    likelihood = SimpleNamespace(
-        data_set=data_set,
-        improve=lambda start, level, scatter, rounds: (start, 0.0),
-        evaluate=lambda h, around: FittedHypothesis(
-            h, 50.0 if len(h.effects[0].terms) == len(terms) else alone, np.zeros((1, 1)), np.eye(3)
-        ),
-    )
-    choice = np.log(40.0) if told == 1 else np.log(40.0) + np.log(4.0 * 9.0 / 2.0)
-    found = formula.short_formula(likelihood, fitted(0.0))
-    assert found.hypothesis.effects[0].terms == tuple(terms[-told:])
-    assert found.evidence == approx(left - choice, abs=1e-9)
 
 
 def test_something_unknown_is_averaged_over_noise_near_calm_waters_and_its_formula_is_half_of_it(monkeypatch):
