@@ -1,4 +1,4 @@
-"""What a short formula is chosen from, and that there is none where no term is worth its choice."""
+"""What a short formula is chosen from, what its terms must be worth, and what calm-water terms cost it."""
 
 from types import SimpleNamespace
 from unittest.mock import Mock

@@ -32,7 +32,7 @@ from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
 
-# What is put to the proof, and what it must have ----------------------------------------------------------------------
+# What is put to the proof ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("names, prior", [

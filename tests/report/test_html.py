@@ -6,7 +6,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from manoeuvre_nn.report.figures import time_series_figure
-from manoeuvre_nn.report.html import Report, data_address, write_page, write_report
+from manoeuvre_nn.report.html import Report, data_address, save_figures, write_page, write_report
 
 EVIL = "<script>alert('x')</script> & \"quoted\""
 OUTSIDE = ("src", "href", "srcset", "data", "action", "poster")
@@ -90,6 +90,19 @@ def test_the_same_figure_gives_the_same_text(recorded):
     first, second = (data_address(time_series_figure(recorded, recorded)) for _ in range(2))
     assert first == second
     assert b"<svg" in base64.b64decode(first.partition(",")[2])
+
+
+def test_a_figure_is_drawn_once_for_its_file_and_once_for_the_page_in_the_same_layout(monkeypatch, tmp_path, recorded):
+    drawn, draw, figure = [], Figure.draw, time_series_figure(recorded, recorded)
+
+    def counted(self, renderer):
+        drawn.append([a.get_position().bounds for a in self.axes])
+        return draw(self, renderer)
+
+    monkeypatch.setattr(Figure, "draw", counted)
+    save_figures({"zz20/time series": figure}, tmp_path)
+    data_address(figure)
+    assert len(drawn) == 2 and drawn[0] == drawn[1]
 
 
 @pytest.mark.parametrize("height, wide", [(2.5, 1), (5.0, 0)])
