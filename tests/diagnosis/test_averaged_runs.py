@@ -14,7 +14,7 @@ from trials import CALM, NOISE, SHIP, ZIGZAG, run_of, sailed
 from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis import diagnose
 from manoeuvre_nn.dynamics.model import CalmWater
-from manoeuvre_nn.estimation.data_set import WhitenedDataSet
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet, whitened_data_set
 from manoeuvre_nn.estimation.prepared_run import prepared_run, samples_a_state
 from manoeuvre_nn.recording.preparation import measured, with_measured
 from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_mmg
@@ -54,6 +54,18 @@ def test_noise_of_single_samples_is_told_beside_that_of_averages():
     assert prepared_run(CALM, run).sample_noise[:7] == approx(NOISE[:7], rel=0.2)
     told = diagnose._noise(WhitenedDataSet(CALM, [found]))
     assert told["u"] == found.sample_noise[2] and told["pos"] == approx(np.hypot(*found.sample_noise[:2]))
+
+
+@pytest.mark.parametrize("every", [2, 3])
+def test_noise_of_samples_that_are_rarer_than_the_times_of_a_run_is_theirs(every):
+    """Between states of two seconds a sample every two would lie halfway, and every three now here, now there."""
+    runs = [run_of(sailed([ZIGZAG])[0], NOISE, seed) for seed in range(4, 8)]
+    lacks = (np.arange(len(runs[0])) % every > 0)[:, None]
+    runs = [with_measured(run, np.where(lacks, np.nan, measured(run))) for run in runs]
+    with unchecked():
+        found = whitened_data_set(CALM, runs).runs
+    assert np.mean([p.sample_noise[:7] for p in found], axis=0) == approx(NOISE[:7], rel=0.2)
+    assert np.mean([p.noise[:7] for p in found], axis=0) == approx(NOISE[:7], rel=0.2)
 
 
 @pytest.mark.parametrize(("samples", "count"), [(39, 8), (31, 8), (44, 3)])

@@ -104,7 +104,7 @@ def test_something_unknown_is_described_by_a_proved_formula_or_by_what_is_likeli
     monkeypatch, rule, chance, proved, expected
 ):
     monkeypatch.setattr(nature, "is_fitted", lambda dynamics: chance is None)
-    monkeypatch.setattr(nature, "random_force", lambda likelihood, none: SimpleNamespace(evidence=chance))
+    monkeypatch.setattr(nature, "random_force", lambda likelihood, none: SimpleNamespace(evidence=chance, axes=(2, 0)))
     told = nature.Nature("", (), Value("", 0.0, 0.0, ""))
     for how in ("rule", "chance"):
         monkeypatch.setattr(
@@ -120,6 +120,7 @@ def test_something_unknown_is_described_by_a_proved_formula_or_by_what_is_likeli
     found = nature.nature_of(tried, SimpleNamespace(formula=formula), [], proved)
     assert (None if found is None else (found.kind, found.against)) == expected
     assert found is None or (found.frame, found.parity, found.regime) == ("body", "odd", 0.7)
+    assert found is None or found.clearest == (() if chance is None else ("N", "X"))
 
 
 @pytest.mark.parametrize("proved, held_out, predictable, refuted", [
@@ -133,7 +134,7 @@ def test_a_formula_with_which_free_runs_get_worse_tells_where_it_acts_if_held_ou
 ):
     told = nature.Nature("periodic", ("N",), Value("amplitude", 8.0, 0.5, "MN m"))
     monkeypatch.setattr(nature, "is_fitted", lambda dynamics: False)
-    monkeypatch.setattr(nature, "random_force", lambda likelihood, none: SimpleNamespace(evidence=7.0))
+    monkeypatch.setattr(nature, "random_force", lambda likelihood, none: SimpleNamespace(evidence=7.0, axes=(1,)))
     monkeypatch.setattr(nature, "_by_rule", lambda data_set, one, against: told)
     monkeypatch.setattr(nature, "shape_of", lambda *_: SimpleNamespace(hard=None, frame="", parity=""))
     data_set = SimpleNamespace(dynamics=None)

@@ -129,7 +129,13 @@ def test_the_answer_holds_what_is_known_of_something_unknown():
     }  # fmt: skip
     assert "nature" not in current
     plain = replace(causes[0], equations=("X", "Y"), nature=None)
-    for refuted, where in ((False, ("N",)), (True, ("X", "Y"))):
-        assert with_nature(plain, replace(beats, refuted=refuted)).equations == where
+    of_log = replace(beats, kind="in an instrument", equations=("sensor:u_log",))
+    for told, refuted, clearest, where in (
+        (beats, False, ("Y",), ("N",)), (beats, True, ("Y",), ("Y",)), (beats, True, (), ("X", "Y")),
+        (of_log, True, ("Y",), ("sensor:u_log",)),
+    ):  # fmt: skip
+        with_it = with_nature(plain, replace(told, refuted=refuted, clearest=clearest))
+        assert with_it.equations == where
+    assert with_nature(replace(plain, terms=("X r^2",)), beats).equations == ("X", "Y"), "its formula holds"
     causes[0] = replace(causes[0], nature=replace(beats, refuted=True))
     assert not answer(d)["effects"][0]["nature"]["predictable"], "it failed in runs that were not used"

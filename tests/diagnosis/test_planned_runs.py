@@ -34,7 +34,7 @@ GIVEN = ("t", "delta", "delta_order")
 
 
 def case_of(folder: Path, *planned: str, given=GIVEN) -> Case:
-    tables = {name: table.copy() for name, table in zip(NAMES, sailed(0.4), strict=True)}
+    tables = {name: table[::2].copy() for name, table in zip(NAMES, sailed(0.4), strict=True)}
     for name in planned:
         tables[name].loc[tables[name].t > 40, [c for c in tables[name] if c not in given]] = np.nan
     settings = RunSettings(HELD_OUT, rudder_positive_to="port")
@@ -68,9 +68,10 @@ def test_bands_hold_what_was_recorded_as_often_as_they_say():
     whole, d = answered()
     (planned,) = d.forecasts
     record = recorded(next(run for run in whole.runs if run.name == "tc1"), whole.warmup)
+    there = record.notna().all(axis=1)  # between samples there is nothing to compare
+    record, bands = record[there], planned.after[there]
     inside = {
-        c: np.nanmean((record[c] >= planned.after[f"{c}_low"]) & (record[c] <= planned.after[f"{c}_high"]))
-        for c in record.columns[1:]
+        c: np.mean((record[c] >= bands[f"{c}_low"]) & (record[c] <= bands[f"{c}_high"])) for c in record.columns[1:]
     }
     assert min(inside.values()) > 0.85 and 0.92 < np.mean(list(inside.values())) < 0.99, inside
     assert np.hypot(planned.after.x - record.x, planned.after.y - record.y).mean() < 2.0

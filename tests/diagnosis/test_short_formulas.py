@@ -16,7 +16,7 @@ from manoeuvre_nn.diagnosis.locate import unit_forces
 from manoeuvre_nn.diagnosis.result import Cause, Value
 from manoeuvre_nn.diagnosis.unknown import unknown_evidence
 from manoeuvre_nn.effect.common import typical
-from manoeuvre_nn.effect.formula import Formula, is_ordinary, library, mark_of, place_of
+from manoeuvre_nn.effect.formula import Formula, is_ordinary, library, mark_of, places_of
 from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.effect_columns import own_states
 from manoeuvre_nn.estimation.hypothesis import Hypothesis
@@ -89,8 +89,8 @@ def test_a_linear_step_of_every_term_is_its_effect_for_a_small_weight():
 
 
 def test_every_term_says_where_it_acts():
-    places = {place_of(term) for term in library()}
-    sensors = {f"sensor:{c}" for c in ("x_north", "y_east", "psi", "r", "u_log")}
+    places = {place for term in library() for place in places_of(term)}
+    sensors = {f"sensor:{c}" for c in ("x", "y", "psi", "r", "u_log")}
     assert places == {"X", "Y", "N", "actuator:rudder"} | sensors
     assert len(set(library())) == len(library())
 

@@ -12,7 +12,7 @@ from shelf import at, recorded
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.effect.common import typical
-from manoeuvre_nn.effect.formula import Formula, in_time, is_ordinary, library, mark_of, place_of
+from manoeuvre_nn.effect.formula import Formula, in_time, is_ordinary, library, mark_of, places_of
 from manoeuvre_nn.effect.remainder import HIDDEN, INPUTS, Remainder
 
 SHIP = "great_lakes_bulker"
@@ -76,9 +76,9 @@ def test_every_force_of_the_library_is_the_product_that_its_words_name():
 def test_the_library_holds_each_term_once_and_in_its_place():
     terms = library()
     assert (len(terms), len(set(terms)), len(FORCES)) == (210, 210, 180)
-    assert {place_of(t) for t in FORCES} == {"X", "Y", "N"}
-    assert place_of("rudder to port") == "actuator:rudder" and place_of("sensor north t^2") == "sensor:x_north"
-    assert place_of("sensor u_log |v|") == "sensor:u_log" and place_of("sensor east t^2") == "sensor:y_east"
+    assert {places_of(t) for t in FORCES} == {("X",), ("Y",), ("N",)}
+    assert places_of("rudder to port") == ("actuator:rudder",) and places_of("sensor u_log |v|") == ("sensor:u_log",)
+    assert places_of("sensor north t^2") == places_of("sensor east t^2") == ("sensor:x", "sensor:y")
     marks = {term: mark_of(term) for term in in_time()}
     assert marks["N lag r"] == "lag" and marks["Y sin stripes"] == "stripes" and marks["X t"] == "t"
     assert (

@@ -286,13 +286,16 @@ def test_corrections_tell_two_rudder_angles_apart_that_differ_by_a_degree_in_one
     assert WhitenedDataSet.with_rudders(here, angles) == (here if same else "made before")
 
 
-@pytest.mark.parametrize("pace, interval, count", [
-    (30.0, 1.0, 2), (30.0, 0.5, 4), (30.0, 2.5, 1), (10.0, 0.1, 10), (10.0, 0.5, 2), (19.0, 0.1, 19), (22.0, 0.1, 20),
+@pytest.mark.parametrize("pace, interval, apart, count", [
+    (30.0, 1.0, 1, 2), (30.0, 0.5, 1, 4), (30.0, 2.5, 1, 1), (10.0, 0.1, 1, 10), (10.0, 0.5, 1, 2), (19.0, 0.1, 1, 19),
+    (22.0, 0.1, 1, 20), (30.0, 1.0, 2, 2), (30.0, 1.0, 3, 1), (30.0, 1.0, 10, 2), (30.0, 0.5, 3, 3), (30.0, 0.1, 7, 14),
+    (30.0, 0.1, 30, 15),
 ])  # fmt: skip
-def test_samples_are_averaged_over_a_tenth_of_a_ship_length_and_two_seconds_at_most(pace, interval, count):
+def test_samples_are_averaged_over_a_tenth_of_a_ship_length_and_two_seconds_at_most(pace, interval, apart, count):
+    """Where samples are rarer than times, a state takes so many times that none of them is between its samples."""
     ship = Mock(time_unit=pace, sized=lambda values, powers: np.array(values))
-    assert samples_a_state(Mock(particulars=ship, own_names=()), interval) == count
-    assert samples_a_state(Mock(particulars=ship, own_names=("phi", "p")), interval) == 1
+    assert samples_a_state(Mock(particulars=ship, own_names=()), interval, apart) == count
+    assert samples_a_state(Mock(particulars=ship, own_names=("phi", "p")), interval, apart) == 1
 
 
 @pytest.mark.parametrize("push, sails", [(7.9, True), (8.1, False), (-8.1, False), (np.inf, False)])

@@ -7,7 +7,7 @@ from pytest import approx
 from manoeuvre_nn.core.recording import Recording, followed
 from manoeuvre_nn.recording.check.axes import rudder_effect
 from manoeuvre_nn.recording.check.sensor_faults import measure_faults
-from manoeuvre_nn.recording.thinning import SAMPLES_PER_TIME_UNIT, averaged, thinned
+from manoeuvre_nn.recording.thinning import SAMPLES_PER_TIME_UNIT, averaged, samples_apart, thinned
 
 
 @pytest.fixture(scope="module")
@@ -73,6 +73,18 @@ def test_of_a_straight_line_averages_lie_on_it_whatever_samples_lack():
     assert few["x"][there] == approx(at[there]) and list(np.flatnonzero(~there)) == [13, 14, 15, 16]
     seen = np.isfinite(few["y"])
     assert few["y"][seen] == approx(at[seen]) and seen.sum() == 12
+
+
+@pytest.mark.parametrize("apart, count, offset", [(2, 2, 0), (2, 2, 1), (4, 2, 1), (6, 3, 2), (4, 4, 3), (1, 1, 0)])
+def test_samples_rarer_than_times_stay_as_they_were_taken_and_when(apart, count, offset):
+    """Here and there one lacks, and the shaft, which is always known, tells nothing of that."""
+    noise = np.random.default_rng(4).standard_normal(120)
+    noise[(np.arange(120) % apart != offset) | (np.arange(120) // apart == 7)] = np.nan
+    run = record(r=noise, shaft=np.ones(120))
+    few, taken = averaged(run, count), np.isfinite(noise)
+    seen = np.isfinite(few["r"])
+    assert samples_apart(run) == apart
+    assert few["r"][seen].tolist() == noise[taken].tolist() and few.time[seen].tolist() == run.time[taken].tolist()
 
 
 def test_noise_of_averages_is_that_of_their_mean():

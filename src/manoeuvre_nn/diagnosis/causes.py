@@ -16,7 +16,7 @@ from manoeuvre_nn.diagnosis.proof import in_held_out_runs
 from manoeuvre_nn.diagnosis.result import Cause, Interval, Nature, Value
 from manoeuvre_nn.diagnosis.search import SearchResult
 from manoeuvre_nn.effect.common import RAMP
-from manoeuvre_nn.effect.formula import Formula, growth_of, place_of
+from manoeuvre_nn.effect.formula import Formula, growth_of, places_of
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 
@@ -59,8 +59,8 @@ def causes_of(
 
 
 def with_nature(unknown: Cause, nature: Nature) -> Cause:
-    """Something unknown with its nature, where this acts; a formula that fails in other runs does not tell where."""
-    told = unknown.equations if unknown.terms or nature.refuted else nature.equations
+    """Something unknown with its nature, and where this acts if no formula of its own tells where."""
+    told = unknown.equations if unknown.terms else nature.places or unknown.equations
     return replace(unknown, nature=nature, equations=told)
 
 
@@ -72,7 +72,7 @@ def _unmodelled(tried: SearchResult, verdict: Decision, chosen: FittedHypothesis
     found = _values_of(chosen, 0) if formula else ()
     values = _with_units(tried.likelihood.data_set, formula, found) if formula else ()
     clear = np.array([(v.value / v.error) ** 2 for v in values[: len(terms)]])
-    where = [place_of(t) for t, c in zip(terms, clear, strict=True) if c > LEADING * clear.max()]
+    where = [p for t, c in zip(terms, clear, strict=True) if c > LEADING * clear.max() for p in places_of(t)]
     return Cause(
         name="unknown",
         label="something that no candidate explains",

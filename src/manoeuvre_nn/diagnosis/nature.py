@@ -23,7 +23,7 @@ from manoeuvre_nn.effect.formula import (
     STRIPES,
     Formula,
     mark_of,
-    place_of,
+    places_of,
 )
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.effect_columns import own_states
@@ -73,7 +73,8 @@ def nature_of(
     hard = shape.hard[0] if shape.hard else float("nan")
     failed = nature.predictable and proved is False
     borne_out = failed and held_out > SURE_BY_ITSELF
-    told = replace(nature, frame=shape.frame, parity=shape.parity, regime=hard)
+    clearest = () if random is None else tuple("XYN"[k] for k in random.axes)
+    told = replace(nature, frame=shape.frame, parity=shape.parity, regime=hard, clearest=clearest)
     return replace(told, refuted=failed and not borne_out, predictable=nature.predictable and not borne_out)
 
 
@@ -106,7 +107,7 @@ def _by_rule(data_set: WhitenedDataSet, formula: FittedHypothesis, against: floa
     kinds = [_kind(term) for term in effect.terms]
     kind = max(set(kinds), key=lambda name: clear[[k == name for k in kinds]].sum())
     leading = np.array([k == kind for k in kinds])
-    where = tuple(dict.fromkeys(place_of(t) for t, mine in zip(effect.terms, leading, strict=True) if mine))
+    where = tuple(dict.fromkeys(p for t, mine in zip(effect.terms, leading, strict=True) if mine for p in places_of(t)))
     relative = 1 / np.sqrt(clear[leading].sum())
     size, unit = _size(data_set, formula, leading)
     if kind == AGAIN:

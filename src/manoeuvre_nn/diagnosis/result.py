@@ -75,6 +75,7 @@ class Nature:
         parity: Of the missing force in port and starboard turns: ``even``, ``odd``, ``mixed``; empty without both.
         regime: Share of the missing force's square that falls into hard helm; NaN where the helm was always alike.
         refuted: Whether it is told by a formula that does not predict runs that were not used.
+        clearest: Equations in which a force without a rule is clearest; empty where none was asked for.
     """
 
     kind: str
@@ -87,6 +88,13 @@ class Nature:
     parity: str = ""
     regime: float = float("nan")
     refuted: bool = False
+    clearest: tuple[str, ...] = ()
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """Where it acts; of a force whose rule failed in other runs, where it is clearest if it follows no rule."""
+        in_instruments = any(e.startswith("sensor:") for e in self.equations)
+        return self.clearest if self.refuted and not in_instruments else self.equations
 
 
 @dataclass(frozen=True)

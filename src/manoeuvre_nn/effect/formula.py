@@ -135,11 +135,11 @@ def is_ordinary(term: str) -> bool:
     return even if equation == "X" else odd and equation in ("Y", "N")
 
 
-def place_of(term: str) -> str:
-    """Where a term acts: X, Y, N, actuator:rudder or sensor:<channel>."""
+def places_of(term: str) -> tuple[str, ...]:
+    """Where a term acts: X, Y, N, actuator:rudder or sensor:<channel>; a receiver errs in no direction of its own."""
     kind, channel, *_ = term.split(" ")
-    written = {"north": "x_north", "east": "y_east"}.get(channel, channel)
-    return {"rudder": "actuator:rudder", "sensor": f"sensor:{written}"}.get(kind, kind)
+    written = [position for position, _ in RECEIVER.values()] if channel in RECEIVER else [channel]
+    return {"rudder": ("actuator:rudder",), "sensor": tuple(f"sensor:{c}" for c in written)}.get(kind, (kind,))
 
 
 def growth_of(term: str) -> tuple[float, str]:

@@ -27,6 +27,7 @@ from manoeuvre_nn.estimation.prepared_run import (
     typical_rates,
 )
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, ProcessLevels
+from manoeuvre_nn.recording.thinning import samples_apart
 
 COEFFICIENT_SD_LEVELS = (0.002, 0.015, 0.03, 0.05, 0.08, 0.2)
 """Levels of the relative error of the calm-water coefficients."""
@@ -260,7 +261,8 @@ def same_campaigns(known: Sequence[Recording], runs: Sequence[Recording]) -> lis
 def whitened_data_set(dynamics: Model, runs: Sequence[Recording]) -> WhitenedDataSet:
     """Find states and noise of runs, linearise and whiten."""
     samples, states = sum(map(len, runs)), Rate(dynamics).states.count
-    columns, counts = len(Corrections(dynamics).names) + 2 * states, [samples_a_state(dynamics, r.step) for r in runs]
+    columns = len(Corrections(dynamics).names) + 2 * states
+    counts = [samples_a_state(dynamics, r.step, samples_apart(r)) for r in runs]
     instants = sum(len(run) // count for run, count in zip(runs, counts, strict=True))
     check_memory(f"{samples} samples to be diagnosed", COPIES * 8 * instants * states * columns, FEWER)
     return WhitenedDataSet(dynamics, [prepared_run(dynamics, *both) for both in zip(runs, counts, strict=True)])

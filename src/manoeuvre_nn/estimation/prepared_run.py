@@ -94,15 +94,22 @@ def prepared_run(dynamics: Model, run: Recording, count: int = 1) -> PreparedRun
     return PreparedRun(linearised, noise * np.sqrt(slow), slow, base, process, single)
 
 
-def samples_a_state(dynamics: Model, interval: float) -> int:
-    """How many samples, an interval [s] apart, are averaged for one state of a run.
+def samples_a_state(dynamics: Model, interval: float, apart: int = 1) -> int:
+    """How many times, an interval [s] apart, share one state of a run.
+
+    Args:
+        dynamics: Calm-water model.
+        interval: Between the times of the run.
+        apart: After how many of them there is a sample: as many times or a multiple or a part of it share a state, so
+            that no sample is moved to the time of its state along the line to the next one, which takes noise from it.
 
     Returns:
         One for a ship that rolls, whose own motion is faster.
     """
     ship = dynamics.particulars
     longest = min(MAX_STATE_STEP * ship.time_unit, float(ship.sized([MAX_STATE_STEP_S], [0.5])[0]))
-    return 1 if dynamics.own_names else max(1, int(longest / interval + 0.05))
+    most = 1 if dynamics.own_names else max(1, int(longest / interval + 0.05))
+    return max(n for n in range(1, most + 1) if n % apart == 0 or apart % n == 0)
 
 
 def _noise_of_samples(

@@ -6,6 +6,7 @@ from scipy.linalg import solveh_banded
 
 from manoeuvre_nn.core.particulars import Particulars
 from manoeuvre_nn.core.recording import Recording
+from manoeuvre_nn.recording.preparation import measured
 
 SAMPLES_PER_TIME_UNIT = 400
 """Samples in the time L/U0 that tell all of a ship's motion: local cubics over .8 L/U0 have 320 then."""
@@ -36,9 +37,10 @@ def thinned(recording: Recording, ship: Particulars) -> Recording:
 
 
 def averaged(recording: Recording, count: int) -> Recording:
-    """Averages of a prepared recording over so many samples, at the middle of their times.
+    """Averages of a prepared recording over so many times, at the middle of the samples that were taken in them.
 
-    Where some of them lack, the others are moved to the middle along the lines between samples. The rudder is the
+    That is the same in all: where samples are rarer than times, an average may be one sample, at its own time. Where
+    others lack, those that are there are moved to it along the lines between samples. The rudder is the
     broken line that departs least from the recorded one: averages would cut the corners where it is laid, and a ship
     moves by it as by the whole record. Orders stand as they do at the middle, and are in force as long before it.
 
@@ -52,12 +54,27 @@ def averaged(recording: Recording, count: int) -> Recording:
     if count < 2 or len(recording) < 4 * count:
         return recording
     time = recording.time[: len(recording) // count * count].reshape(-1, count)
-    middle = time.mean(axis=1)
+    middle = time.mean(axis=1) + _off_the_middle(recording, count)
     sampled = {k: v for k, v in recording.channels.items() if k not in (RUDDER, *ORDERS)}
     made = {k: _means(recording.time, v, time, middle) for k, v in sampled.items()}
     made[RUDDER] = _broken_line(recording.time, recording[RUDDER], middle)
     made |= _orders(recording, middle)
     return Recording(recording.name, middle, made, recording.status, recording.meta)
+
+
+def _off_the_middle(recording: Recording, count: int) -> float:
+    """How much later than the middle of so many times the samples among them usually are [s]."""
+    samples = measured(recording)[: len(recording) // count * count]
+    rows = np.isfinite(samples.reshape(-1, count, samples.shape[1])).any(axis=2)
+    some = rows[rows.any(axis=1)]
+    mean = some @ np.arange(count) / np.maximum(some.sum(axis=1), 1)
+    return float(np.median(mean) - (count - 1) / 2) * recording.step if len(some) else 0.0
+
+
+def samples_apart(recording: Recording) -> int:
+    """After how many of a recording's even times there is usually a sample of some channel: 1 where each has one."""
+    at = np.flatnonzero(np.isfinite(measured(recording)).any(axis=1))
+    return round(float(np.median(np.diff(at)))) if len(at) > 1 else 1
 
 
 def _means(
