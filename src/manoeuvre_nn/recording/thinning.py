@@ -65,10 +65,10 @@ def averaged(recording: Recording, count: int) -> Recording:
 def _off_the_middle(recording: Recording, count: int) -> float:
     """How much later than the middle of so many times the samples among them usually are [s]."""
     samples = measured(recording)[: len(recording) // count * count]
-    rows = np.isfinite(samples.reshape(-1, count, samples.shape[1])).any(axis=2)
-    some = rows[rows.any(axis=1)]
-    mean = some @ np.arange(count) / np.maximum(some.sum(axis=1), 1)
-    return float(np.median(mean) - (count - 1) / 2) * recording.step if len(some) else 0.0
+    taken = np.isfinite(samples.reshape(-1, count, samples.shape[1])).max(axis=2)
+    number = taken.sum(axis=1)
+    mean = (taken @ np.arange(count))[number > 0] / number[number > 0]
+    return float(np.median(mean) - (count - 1) / 2) * recording.step if len(mean) else 0.0
 
 
 def samples_apart(recording: Recording) -> int:
