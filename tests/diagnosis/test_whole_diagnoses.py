@@ -35,13 +35,12 @@ from manoeuvre_nn.effect.loading import DisplacementChange
 from manoeuvre_nn.effect.local import SideForce
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
-from manoeuvre_nn.effect.wind import SteadyWind
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.report.diagnosis_tables import verdict_text
 from manoeuvre_nn.report.views import Answer
 
 pytestmark = pytest.mark.usefixtures("unchecked_types", "few_draws")
-CANDIDATES = [kind(SHIP) for kind in (Current, SteadyWind, RudderOffset)]
+CANDIDATES = [kind(SHIP) for kind in (Current, RudderOffset)]
 FEW = [kind(SHIP) for kind in (Current, RudderOffset, LogScale, HeadingBias)]
 """Where what is asked is not which of many it is."""
 OF_THE_HULL = [kind(SHIP) for kind in (ShallowWater, DisplacementChange)]

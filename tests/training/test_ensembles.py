@@ -204,7 +204,7 @@ def test_a_member_is_done_at_its_goal_or_where_its_error_hardly_falls(options, t
 
 def test_an_ensemble_identifies_the_mariner(tmp_path):
     data = tiny.simulated(length=300.0, score=[zigzag(20.0, duration=60.0)])
-    fit = ensemble(data, members=3, epochs=40)
+    fit = ensemble(data, members=2, epochs=30)
     done, scorer = train(fit, tmp_path, data=data)
     assert fit.relative_rmse(data.tuples.inputs, data.tuples.targets).max() < 0.05
     assert scorer.scores[0].dev_L < 0.05

@@ -95,6 +95,7 @@ def test_a_window_of_one_step_is_teacher_forcing():
     assert float(loss) == pytest.approx(float(error.square().mean()), rel=2e-3)  # a table is linear between its samples
 
 
+@torch.no_grad()
 def test_what_is_beyond_the_end_of_a_run_does_not_count():
     made = windows(ship())
     counts, zero = made.material.counts, torch.zeros(1, dtype=torch.long)
