@@ -5,6 +5,7 @@ import pytest
 from pytest import approx
 
 from manoeuvre_nn.core.recording import Recording, followed
+from manoeuvre_nn.recording import thinning
 from manoeuvre_nn.recording.check.axes import rudder_effect
 from manoeuvre_nn.recording.check.sensor_faults import measure_faults
 from manoeuvre_nn.recording.thinning import SAMPLES_PER_TIME_UNIT, averaged, samples_apart, thinned
@@ -73,6 +74,22 @@ def test_of_a_straight_line_averages_lie_on_it_whatever_samples_lack():
     assert few["x"][there] == approx(at[there]) and list(np.flatnonzero(~there)) == [13, 14, 15, 16]
     seen = np.isfinite(few["y"])
     assert few["y"][seen] == approx(at[seen]) and seen.sum() == 12
+
+
+def test_samples_that_are_moved_keep_their_noise():
+    """A receiver every 2 s beside a gyro every second; along lines from sample to sample .79 of it would be left."""
+    noise = np.random.default_rng(3).standard_normal(60_000)
+    few = averaged(record(x=np.where(np.arange(len(noise)) % 2 == 0, noise, np.nan), r=noise), 2)
+    assert few.time[0] == 0.5 and few["x"].std() == approx(1.0, rel=0.02)
+    assert np.corrcoef(few["x"][1:], few["x"][:-1])[0, 1] == approx(0.0, abs=0.03)
+    curved = np.where(np.arange(240) % 2 == 0, np.sin(2 * np.pi * np.arange(240) / 120), np.nan)
+    few = averaged(record(x=curved, r=noise[:240]), 2)
+    assert few["x"][2:-2] == approx(np.sin(2 * np.pi * few.time[2:-2] / 120), abs=1e-3)
+
+
+def test_a_slope_is_of_samples_that_are_near():
+    time, values = np.array([0.0, 1.0, 2.0, 3.0, 30.0, 31.0, 60.0]), np.array([0.0, 1.0, 3.0, 6.0, 5.0, 3.0, 9.0])
+    assert thinning._slopes(time, values, 5.5) == approx([1.5, 2.0, 2.0, 2.5, -2.0, -2.0, 0.0])
 
 
 @pytest.mark.parametrize("apart, count, offset", [(2, 2, 0), (2, 2, 1), (4, 2, 1), (6, 3, 2), (4, 4, 3), (1, 1, 0)])

@@ -17,7 +17,7 @@ RUDDER = "delta"
 PARTS = 8
 """Parts of a step that a broken line is fitted by."""
 MAX_MOVED = 5
-"""Samples to either side within which there must be others if one is moved along the line between them."""
+"""Times to either side within which there must be other samples if one is moved."""
 
 
 def thinned(recording: Recording, ship: Particulars) -> Recording:
@@ -40,7 +40,7 @@ def averaged(recording: Recording, count: int) -> Recording:
     """Averages of a prepared recording over so many times, at the middle of the samples that were taken in them.
 
     That is the same in all: where samples are rarer than times, an average may be one sample, at its own time. Where
-    others lack, those that are there are moved to it along the lines between samples. The rudder is the
+    others lack, those that are there are moved to it by the slope of the samples about them. The rudder is the
     broken line that departs least from the recorded one: averages would cut the corners where it is laid, and a ship
     moves by it as by the whole record. Orders stand as they do at the middle, and are in force as long before it.
 
@@ -92,13 +92,31 @@ def _means(
     means, at = (np.where(there, x, 0.0).sum(axis=1) / number for x in (samples, parts))
     if good.any():
         known, step = time[good], time[1] - time[0]
-        line = np.interp(middle, known, values[good]) - np.interp(at, known, values[good])
+        line = (middle - at) * np.interp(at, known, _slopes(known, values[good], (MAX_MOVED + 0.5) * step))
         after = np.clip(np.searchsorted(known, 0.5 * (at + middle)), 1, max(len(known) - 1, 1))
         wide = known[after] - known[after - 1] if len(known) > 1 else np.full(len(middle), np.inf)
         off = some & (np.abs(at - middle) > 1e-6 * step)
         means = means + np.where(off, line, 0.0)
         some &= ~(off & (wide > (MAX_MOVED + 0.5) * step))
     return np.where(some, means, np.nan)
+
+
+def _slopes(time: Float[np.ndarray, " n"], values: Float[np.ndarray, " n"], near: float) -> Float[np.ndarray, " n"]:
+    """Slope at each sample, from two to either side: from one, it would have half of their noise in a step.
+
+    Args:
+        time: Of the samples.
+        values: The samples.
+        near: Time between two samples from which nothing is known of what lies between.
+
+    Returns:
+        Slopes; 0 at a sample that none is near to.
+    """
+    part, k = np.cumsum(np.diff(time, prepend=time[0]) > near), np.arange(len(time))
+    before = np.maximum(k - 2, np.searchsorted(part, part))
+    after = np.minimum(k + 2, np.searchsorted(part, part, side="right") - 1)
+    apart = time[after] - time[before]
+    return (values[after] - values[before]) / np.where(apart > 0, apart, np.inf)
 
 
 def _broken_line(
