@@ -7,7 +7,7 @@ import pytest
 import yaml
 from fleet import unchecked
 from rival_runs import CALM, SHIP, case_with, sailed
-from tiers import mainly, only
+from tiers import mainly
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.diagnosis.answers import answer
@@ -49,7 +49,8 @@ def judged(method, *kinds):
     return case, found, answer(diagnosis(case, found, LIMITS))
 
 
-@pytest.mark.parametrize("method", only({"regression"}, PLAIN))
+@pytest.mark.slow  # the unlisted one, below, takes the same way
+@pytest.mark.parametrize("method", PLAIN)
 def test_an_offset_is_named_sized_and_helps_on_held_out_runs(method):
     _, _, said = judged(method, OFFSET)
     first = said["effects"][0]
