@@ -101,7 +101,7 @@ def samples_a_state(dynamics: Model, interval: float, apart: int = 1) -> int:
         dynamics: Calm-water model.
         interval: Between the times of the run.
         apart: After how many of them there is a sample: as many times or a multiple or a part of it share a state, so
-            that no sample is moved to the time of its state along the line to the next one, which takes noise from it.
+            that each sample keeps its time.
 
     Returns:
         One for a ship that rolls, whose own motion is faster.
