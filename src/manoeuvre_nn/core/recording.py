@@ -108,7 +108,14 @@ class Recording:
         """Where a gear of this rate [rad/s] has the rudder by the recorded orders [rad]; None if none was recorded."""
         if "delta_order" not in self.channels or "delta_order" in self.derived:
             return None
-        return followed(self.time, self.filled("delta_order"), rate)
+        if rate not in self._followed:
+            self._followed[rate] = followed(self.time, self.filled("delta_order"), rate)
+        return self._followed[rate]
+
+    @cached_property
+    def _followed(self) -> dict[float, Float[np.ndarray, " n"]]:
+        """Rudders behind the orders by the rate of their gear: asked for at every value of a delay."""
+        return {}
 
     def stacked(self, *names: str) -> Float[np.ndarray, "n k"]:
         """Several channels side by side, one column each."""

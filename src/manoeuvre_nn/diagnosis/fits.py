@@ -32,6 +32,8 @@ MAX_STARTS = 4
 """Starts of an effect that are all fitted from: a linear step tells badly where a depth or a play leads."""
 WORSE = 1.0
 """Log density by which the mean over all levels of noise may be less likely than the values that were fitted."""
+SAME_FIT = 0.5
+"""Difference of all values over their standard errors below which two fits come to rest at one place."""
 PUBLISHED_SD_LEVEL = 2
 """Level of the coefficients' standard deviation that published sets have, 3 %."""
 TURNS = (-45.0, 45.0, 180.0)
@@ -50,16 +52,24 @@ def single(likelihood: MarginalLikelihood, effect: Effect, none: FittedHypothesi
     Returns:
         The better of the two.
     """
-    found = []
-    noises = {(PROCESS_LEVELS.quiet(none.best[0]), min(none.best[1], PUBLISHED_SD_LEVEL))}
-    if not effect.timed:  # events are placed where they must explain the misfit anyway
-        noises.add(none.best)
+    found = list[FittedHypothesis]()
+    noises = [(PROCESS_LEVELS.quiet(none.best[0]), min(none.best[1], PUBLISHED_SD_LEVEL))]
+    if not effect.timed and none.best not in noises:  # events are placed where they must explain the misfit anyway
+        noises.append(none.best)
     for level, scatter in noises:
         starts = _starts(likelihood, effect, level, scatter)
         tried = [likelihood.improve(_in_form(likelihood, h, level, scatter), level, scatter, rounds=3) for h in starts]
         best = max(tried, key=lambda t: t[1])[0]
+        if found and _within_errors(best, found[0]):
+            break  # it would come to rest where the first fit did
         found.append(refine(likelihood, best, level, scatter, none.evidence - MAX_FIRST_DEFICIT))
     return max(found, key=lambda j: j.evidence)
+
+
+def _within_errors(values: Hypothesis, fitted: FittedHypothesis) -> bool:
+    """Whether values are those of a fit of the same effects, each to a part of its standard error."""
+    one, other = values.vector(), fitted.hypothesis.vector()
+    return len(one) == len(other) and bool((np.abs(one - other) < SAME_FIT * fitted.errors).all())
 
 
 def _in_form(likelihood: MarginalLikelihood, start: Hypothesis, level: int, scatter: int) -> Hypothesis:

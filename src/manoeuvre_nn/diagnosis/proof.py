@@ -16,7 +16,7 @@ from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet, same_campaigns
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
-from manoeuvre_nn.estimation.prepared_run import LATENCY, base_columns
+from manoeuvre_nn.estimation.prepared_run import LATENCY
 from manoeuvre_nn.estimation.prior_average import gain_by_coefficient_priors
 from manoeuvre_nn.estimation.relinearise import beside
 from manoeuvre_nn.scoring.free_runs import errors
@@ -118,8 +118,7 @@ def _placed(question: Question, fitted: FittedHypothesis) -> tuple[WhitenedDataS
 
 def _given(known: WhitenedDataSet, fitted: FittedHypothesis, data_set: WhitenedDataSet, elsewhere: Hypothesis) -> float:
     """``ln p(fitted, held-out) - ln p(fitted)`` of a hypothesis: the runs that it was fitted to, and it in others."""
-    runs = [replace(p, base=base_columns(known.dynamics, p.linearised)) for p in (*known.runs, *data_set.runs)]
-    everywhere = WhitenedDataSet(known.dynamics, runs, known.coefficient_prior)
+    everywhere = WhitenedDataSet(known.dynamics, [*known.whole, *data_set.whole], known.coefficient_prior)
     found = fitted.hypothesis
     whole = replace(
         found,

@@ -2,7 +2,7 @@
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -55,11 +55,12 @@ class _Level:
     each: list[Float[np.ndarray, "b b"]]
     base_gram: Float[np.ndarray, "p p"]
     norm: float
+    whole: list[tuple[Embedded, Float[np.ndarray, "c c"]]] = field(default_factory=list, repr=False)
 
     @cached_property
     def bytes(self) -> int:
-        """Memory that the factors and the whitened columns take."""
-        return sum(w.chain.factor.nbytes for w in self.white) + sum(e.inner.nbytes for e in self.base)
+        """Memory that the factors and the whitened columns take, those of every correction if they are asked for."""
+        return sum(w.chain.factor.nbytes for w in self.white) + 2 * sum(e.inner.nbytes for e in self.base)
 
 
 class WhitenedDataSet:
@@ -130,9 +131,23 @@ class WhitenedDataSet:
         g = summed(each, [self.base_index(k) for k in range(len(base))], self.size)
         return _Level(white, base, each, g, sum(w.log_norm for w in white))
 
+    @cached_property
+    def whole(self) -> list[PreparedRun]:
+        """The runs with a base column for every correction, not for combinations of them."""
+        return [replace(p, base=base_columns(self.dynamics, p.linearised)) for p in self.runs]
+
+    def whole_at(self, level: int) -> list[tuple[Embedded, Float[np.ndarray, "c c"]]]:
+        """Of each run the base columns of every correction whitened at a grid point, and their inner products."""
+        here = self.at(level)
+        if not here.whole:
+            embedded = [white.embed(p.base) for white, p in zip(here.white, self.whole, strict=True)]
+            here.whole.extend((e, e.dot(e)) for e in embedded)
+        return here.whole
+
     def release(self) -> None:
         """Free the memory of all that can be made again: of a data set that another one has followed."""
         self._equations, self._at, self._by_rudder = [], {}, {}
+        self.__dict__.pop("whole", None)
 
     def with_prior(self, prior: CoefficientPrior) -> "WhitenedDataSet":
         """The same runs with another prior of the coefficients that goes together in the same way."""

@@ -14,7 +14,7 @@ from manoeuvre_nn.core.effect import Effect, Situation
 from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.dynamics.base import Model
 from manoeuvre_nn.estimation.corrections import Corrections
-from manoeuvre_nn.estimation.linear_run import Columns
+from manoeuvre_nn.estimation.linear_run import Columns, nothing
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, shown
 from manoeuvre_nn.estimation.rudder_blades import blades, undoes_a_record
 from manoeuvre_nn.recording.holes import in_breaks
@@ -286,7 +286,10 @@ def moved_by(
 def _recorded(acting: Effect, linearised: LinearisedRun, s: Situation, rows: int) -> Float[np.ndarray, "n c k"]:
     """What the effect adds to the measured channels: moving water, and sensors."""
     n = len(linearised.run)
-    added = np.zeros((n, len(linearised.states.channels), rows))
+    shape = n, len(linearised.states.channels), rows
+    if not acting.overrides("stream", "record"):
+        return nothing(*shape)
+    added = np.zeros(shape)
     if acting.overrides("stream"):
         added[:, 2:4] = acting.stream(s).expand(rows, n, 2).permute(1, 2, 0).numpy()
     if acting.overrides("record"):
@@ -318,7 +321,7 @@ def coefficient_columns(dynamics: Model, linearised: LinearisedRun) -> Columns:
         shaft = None if bool((s.shaft == 1).all()) else s.shaft
         a = Corrections(dynamics)(linearised.moving, s.delta, shaft).permute(1, 0, 2)
         moved = moved_by(a, a.new_zeros(*a.shape[:2], 2), linearised).permute(1, 2, 0).numpy()
-    return Columns(np.zeros((len(linearised.run), len(linearised.states.channels), len(a))), moved)
+    return Columns(nothing(len(linearised.run), len(linearised.states.channels), len(a)), moved)
 
 
 def latency_column(linearised: LinearisedRun) -> Columns:
@@ -334,4 +337,4 @@ def latency_column(linearised: LinearisedRun) -> Columns:
     added = np.zeros((len(linearised.run), len(states.channels), 1))
     received = shown(linearised.track)[:, :4] + linearised.receiver
     added[:, :4, 0] = -np.gradient(received, linearised.run.step, axis=0)
-    return Columns(added, np.zeros((len(linearised.run) - 1, states.count, 1)))
+    return Columns(added, nothing(len(linearised.run) - 1, states.count, 1))

@@ -93,8 +93,7 @@ def hypothesis_columns(data_set: WhitenedDataSet, hypothesis: Hypothesis) -> Hyp
             # The effect at its values, then (up - down) / step of every unknown.
             parts[run].append(joined([c[:1], (c[1::2] - c[2::2]) / steps]))
             index[run] += [1 + i for i in mine[run]]
-    nothing = [p.base[:1] - p.base[:1] for p in runs]
-    columns = [_summed_up(p) if p else zero for p, zero in zip(parts, nothing, strict=True)]
+    columns = [_summed_up(of_run) if of_run else p.base[:1] - p.base[:1] for of_run, p in zip(parts, runs, strict=True)]
     turned = changed_base(data_set, hypothesis)
     return HypothesisColumns(hypothesis, columns, [np.array(at) for at in index], 1 + len(unknowns), turned)
 
@@ -139,6 +138,9 @@ def _apart(p: Parameter, value: float) -> tuple[float, float]:
 
 def _summed_up(effects: Sequence[Columns]) -> Columns:
     """Contributions of all effects as one column, then the columns of their unknowns."""
-    first = np.concatenate([np.append(1.0, np.zeros(c.count - 1)) for c in effects])
-    whole = joined(effects)
-    return joined([whole.combined(first), whole[first == 0]])
+    if len(effects) == 1:
+        return effects[0]
+    whole = effects[0][:1]
+    for c in effects[1:]:
+        whole = whole + c[:1]
+    return joined([whole, *(c[1:] for c in effects)])

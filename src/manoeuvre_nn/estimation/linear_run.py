@@ -25,7 +25,7 @@ Source:
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -34,6 +34,17 @@ from jaxtyping import Bool, Float, Int
 from scipy import sparse
 
 from manoeuvre_nn.numerics.chain import Chain
+
+
+@lru_cache(maxsize=1024)
+def nothing(*shape: int) -> Float[np.ndarray, "*shape"]:
+    """Zeros without memory of their own: what forces add to samples at once, and sensors to the motion."""
+    return np.broadcast_to(0.0, shape)
+
+
+def is_nothing(part: Float[np.ndarray, "*shape"]) -> bool:
+    """Whether an array is one of :func:`nothing`, or empty: that it adds nothing is known without looking at it."""
+    return not part.size or not (any(part.strides) or part.flat[0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,23 +68,23 @@ class Columns:
 
     def __getitem__(self, chosen: slice | Bool[np.ndarray, " p"]) -> "Columns":
         """Some of the columns."""
-        return self._each(lambda part: part[..., chosen])
+        return self._each(lambda part: _kept(part, chosen))
 
     def __add__(self, other: "Columns") -> "Columns":
         """The sum, column by column."""
-        return Columns(self.measured + other.measured, self.moved + other.moved)
+        return Columns(_sum(self.measured, other.measured), _sum(self.moved, other.moved))
 
     def __sub__(self, other: "Columns") -> "Columns":
         """Columns less others, one by one or all less one; without those of the first state."""
-        return Columns(self.measured - other.measured, self.moved - other.moved)
+        return Columns(_sum(self.measured, other.measured, -1), _sum(self.moved, other.moved, -1))
 
     def __truediv__(self, size: Float[np.ndarray, " p"]) -> "Columns":
         """Every column over its size."""
-        return self._each(lambda part: part / size)
+        return self._each(lambda part: part if is_nothing(part) else part / size)
 
     def combined(self, shares: Float[np.ndarray, " p"]) -> "Columns":
         """The columns summed up, each with a share, as one column."""
-        return self._each(lambda part: (part @ shares)[..., None])
+        return self._each(lambda part: part[..., :1] if is_nothing(part) else (part @ shares)[..., None])
 
     def _each(self, change: Callable[[np.ndarray], np.ndarray]) -> "Columns":
         """The same done to all parts."""
@@ -82,9 +93,28 @@ class Columns:
 
 def joined(parts: Sequence[Columns]) -> Columns:
     """Columns side by side, without those of the first state."""
-    return Columns(
-        np.concatenate([c.measured for c in parts], axis=-1), np.concatenate([c.moved for c in parts], axis=-1)
-    )
+    return Columns(_beside([c.measured for c in parts]), _beside([c.moved for c in parts]))
+
+
+def _kept(part: Float[np.ndarray, "n k p"], chosen: slice | Bool[np.ndarray, " p"]) -> Float[np.ndarray, "n k q"]:
+    """Some of the columns of a part; those of :func:`nothing` stay such, for a mask would write them out."""
+    if isinstance(chosen, slice) or not is_nothing(part):
+        return part[..., chosen]
+    return nothing(*part.shape[:-1], int(np.count_nonzero(chosen)))
+
+
+def _sum(one: Float[np.ndarray, "n k #p"], other: Float[np.ndarray, "n k #p"], sign: int = 1) -> np.ndarray:
+    """Parts of columns added, or the other one taken away."""
+    if is_nothing(one) and is_nothing(other):
+        return nothing(*np.broadcast_shapes(one.shape, other.shape))
+    return one + other if sign > 0 else one - other
+
+
+def _beside(parts: Sequence[Float[np.ndarray, "n k _"]]) -> Float[np.ndarray, "n k q"]:
+    """Parts of columns side by side."""
+    if all(is_nothing(part) for part in parts):
+        return nothing(*parts[0].shape[:-1], sum(part.shape[-1] for part in parts))
+    return np.concatenate(parts, axis=-1)
 
 
 class _Rows(NamedTuple):
@@ -274,7 +304,7 @@ class RunEquations:
 
 def _entering(part: Float[np.ndarray, "n k p"]) -> tuple[Float[np.ndarray, "nk q"], Int[np.ndarray, " q"]]:
     """Columns that are not 0 throughout, the samples below each other, and which they are."""
-    at = np.flatnonzero(part.any(axis=(0, 1)))
+    at = np.flatnonzero(part[:0] if is_nothing(part) else part.any(axis=(0, 1)))
     kept = part if len(at) == part.shape[-1] else part[..., at]
     return kept.reshape(int(np.prod(part.shape[:-1])), len(at)), at
 
@@ -313,13 +343,13 @@ class IntegratedRun:
         # A = D M D + P, D = 1 for the motion and the size of the process noise for its states.
         scale, (moving, noise) = self._scale[:, None] * self._scale, equations.blocks
         self.chain = Chain(scale * moving.on + noise.on, scale * moving.below + noise.below)
+        self._scales = np.tile(self._scale, self.chain.samples)[:, None]
         self.log_norm = equations.log_norm - 0.5 * self.chain.log_det
 
     def embed(self, c: Columns) -> Embedded:
         """Vectors whose inner products are those of the columns in the metric of the samples' marginal covariance."""
         weighted = self.equations.weighted(c)
-        pull = np.tile(self._scale, self.chain.samples)[:, None] * weighted.pull
-        return Embedded(weighted, self.chain.whiten(pull.reshape(self.chain.samples, self.chain.size, c.count)))
+        return Embedded(weighted, self.chain.whiten(self._scales * weighted.pull))
 
     def states(self, embedded: Embedded) -> Float[np.ndarray, "n s p"]:
         """Most likely deviation of the states from the track for a column, unknowns at zero."""

@@ -18,7 +18,6 @@ from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.posterior import mixture
-from manoeuvre_nn.estimation.prepared_run import base_columns
 from manoeuvre_nn.estimation.prior_average import over_coefficient_priors
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, ProcessLevels
 
@@ -81,9 +80,8 @@ def finer(data_set: WhitenedDataSet, time: float) -> WhitenedDataSet:
     Returns:
         The runs; every other level is a usual one.
     """
-    runs = [replace(p, base=base_columns(data_set.dynamics, p.linearised)) for p in data_set.runs]
     levels = ProcessLevels(tuple(sorted((*PROCESS_LEVELS.sizes, *BETWEEN))))
-    return WhitenedDataSet(data_set.dynamics, runs, data_set.coefficient_prior, levels, time)
+    return WhitenedDataSet(data_set.dynamics, data_set.whole, data_set.coefficient_prior, levels, time)
 
 
 def _at_time(data_set: WhitenedDataSet, fitted: FittedHypothesis, time: float) -> FittedHypothesis:

@@ -12,10 +12,10 @@ from manoeuvre_nn.estimation.corrections import CoefficientPrior, Corrections
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
-from manoeuvre_nn.estimation.linear_run import joined, summed
+from manoeuvre_nn.estimation.linear_run import summed
 from manoeuvre_nn.estimation.marginal_likelihood import PROCESS_PRIOR, log_prior_levels, to_prior_means, weighty
 from manoeuvre_nn.estimation.posterior import Posterior, mixture, reduced
-from manoeuvre_nn.estimation.prepared_run import LATENCY_SD, base_columns
+from manoeuvre_nn.estimation.prepared_run import LATENCY_SD
 
 COEFFICIENT_PRIORS = tuple(
     CoefficientPrior(coupling, missing) for coupling in (0.0, 0.3, 0.6, 0.9) for missing in (0.1, 0.3, 1.0, 3.0)
@@ -48,7 +48,7 @@ def with_likely_coefficient_prior(data_set: WhitenedDataSet, fitted: FittedHypot
         if around == before:
             likeliest = max(each, key=lambda kind: float(logsumexp(each[kind])))
             prior = likeliest._replace(usual=data_set.coefficient_prior.usual)
-            return WhitenedDataSet(data_set.dynamics, found.whole, prior)
+            return WhitenedDataSet(data_set.dynamics, data_set.whole, prior)
 
 
 def gain_by_coefficient_priors(
@@ -118,7 +118,6 @@ class _ByPrior:
 
     Attributes:
         names: Of the corrections of coefficients.
-        whole: The runs with a column for every correction.
         of_levels: Log prior of the coefficients' standard deviation at every level of the process noise asked for.
     """
 
@@ -131,18 +130,20 @@ class _ByPrior:
     ) -> None:
         """Take the runs, a hypothesis at its values, and levels of the process noise."""
         self.names = Corrections(data_set.dynamics).names
-        self.whole = [replace(p, base=base_columns(data_set.dynamics, p.linearised)) for p in data_set.runs]
         lin = hypothesis_columns(data_set, hypothesis)
-        k, count = len(self.names), len(self.whole)
+        k, count = len(self.names), len(data_set.runs)
         size = 1 + k + count
-        both = [joined([p.base, c]) for p, c in zip(self.whole, lin.columns, strict=True)]
         index = [np.r_[: 1 + k, 1 + k + run, size + at] for run, at in enumerate(lin.index)]
         lin = replace(lin, turned=changed_base(data_set, hypothesis, combined=False))
 
         def gram_at(level: int) -> Float[np.ndarray, "p p"]:
-            embedded = [white.embed(c) for white, c in zip(data_set.at(level).white, both, strict=True)]
-            turned = [lin.turn(run, e.dot(e), gram=True) for run, e in enumerate(embedded)]
-            return summed(turned, index, size + lin.count)
+            made = []
+            for run, more in enumerate(data_set.embedded(level, lin.columns)):
+                base, own = data_set.whole_at(level)[run]
+                cross = base.dot(more)
+                products = np.block([[own, cross], [cross.T, more.dot(more)]])
+                made.append(lin.turn(run, products, gram=True))
+            return summed(made, index, size + lin.count)
 
         # The data less what the hypothesis adds at its values; unknowns: coefficients, latencies, the hypothesis' own,
         # as deviations from their prior means.

@@ -48,7 +48,10 @@ def behind_record(
     linearised: LinearisedRun, effects: Sequence[Effect], values: Sequence[Float[np.ndarray, " p"]]
 ) -> LinearisedRun:
     """A run with the rudder where the effects of a hypothesis say that its indicator was, for what acts beside them."""
-    shown = torch.tensor(linearised.run["delta"])[None]
+    recorded = linearised.run["delta"]
+    if not any(map(undoes_a_record, effects)) and np.array_equal(recorded, linearised.indicated):
+        return linearised
+    shown = torch.tensor(recorded)[None]
     for effect, here in zip(reversed(effects), reversed(values), strict=True):
         if undoes_a_record(effect):
             shown = indicated(effect.at(shown.new_tensor(here)), linearised.run, shown)

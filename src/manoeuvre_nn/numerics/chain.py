@@ -40,8 +40,8 @@ class Chain:
             raise np.linalg.LinAlgError("the precision of a run's states is not positive definite")
         self.log_det = 2 * float(np.log(self.factor[0]).sum())
 
-    def whiten(self, right: Float[np.ndarray, "n k p"]) -> Float[np.ndarray, "nk p"]:
-        """``C^-1 b``: inner products of such vectors are those of ``A^-1``."""
+    def whiten(self, right: Float[np.ndarray, "n k p"] | Float[np.ndarray, "nk p"]) -> Float[np.ndarray, "nk p"]:
+        """``C^-1 b``: inner products of such vectors are those of ``A^-1``; no copy of (n k, p) in Fortran's order."""
         if not right.size:  # LAPACK does not stand arrays without columns
             return np.zeros((self.samples * self.size, 0))
         white, _ = lapack.dtbtrs(self.factor, right.reshape(self.samples * self.size, -1), uplo="L")
