@@ -242,6 +242,7 @@ def test_the_better_of_the_fits_from_published_scatter_and_from_that_of_calm_wat
     begun = {(quiet, PUBLISHED_SD_LEVEL): "published", (6, 4): "calm water's"}
     monkeypatch.setattr(fits, "_starts", lambda *_: ["start"])
     monkeypatch.setattr(fits, "_in_form", lambda likelihood, start, level, scatter: start)
+    monkeypatch.setattr(fits, "_within_errors", lambda values, fitted: False)
     monkeypatch.setattr(fits, "refine", lambda likelihood, hypothesis, level, scatter, least: SimpleNamespace(
         evidence=9.0 if begun[level, scatter] == best else 2.0, begun=begun[level, scatter], least=least
     ))  # fmt: skip
@@ -250,6 +251,25 @@ def test_the_better_of_the_fits_from_published_scatter_and_from_that_of_calm_wat
     found = single(likelihood, Current(SHIP), none)
     assert found.begun == best and found.least == -28.0, "thirty behind calm water a fit is given up"
     assert single(likelihood, SideForce(SHIP), none).begun == "published", "events explain the misfit or nothing"
+
+
+@pytest.mark.parametrize(("off", "fits_made"), [(0.4, 1), (0.6, 2)])
+def test_an_effect_is_fitted_once_where_both_scatters_lead_within_half_a_standard_error(monkeypatch, off, fits_made):
+    """From there on it would come to rest where the first fit did: fitting it to the end is half of the time."""
+    made = []
+    current, errors = Hypothesis((Current(SHIP),), (np.array([[1.0, 90.0]]),)), np.array([0.1, 5.0])
+
+    def improve(hypothesis: Hypothesis, level: int, scatter: int, rounds: int) -> tuple[Hypothesis, float]:
+        return hypothesis.with_vector(hypothesis.vector() + (off * errors if (level, scatter) == (6, 4) else 0)), 0.0
+
+    def refine(likelihood: object, hypothesis: Hypothesis, *_: object) -> FittedHypothesis:
+        made.append(hypothesis)
+        return FittedHypothesis(hypothesis, 9.0, np.zeros((1, 1)), np.diag(errors**2))
+
+    monkeypatch.setattr(fits, "_starts", lambda *_: [current])
+    monkeypatch.setattr(fits, "refine", refine)
+    single(SimpleNamespace(improve=improve), Current(SHIP), SimpleNamespace(best=(6, 4), evidence=2.0))
+    assert len(made) == fits_made
 
 
 def test_the_form_of_an_effect_is_fitted_at_each_start_of_its_size_first():

@@ -20,7 +20,7 @@ from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.propulsion import PowerLimit, PropellerSideForce
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.effect_columns import contribution
-from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun, joined
+from manoeuvre_nn.estimation.linear_run import Columns, IntegratedRun, is_nothing, joined, nothing
 from manoeuvre_nn.estimation.linearised_run import LinearisedRun, Rate, integrated, run_equations, shown
 from manoeuvre_nn.estimation.posterior import posterior
 from manoeuvre_nn.recording.preparation import measured, with_measured, without_samples
@@ -160,6 +160,26 @@ def test_columns_that_enter_channels_or_steps_alone_are_as_among_others():
     close(seen.dot(seen) + cross + cross.T + moved.dot(moved), whole.dot(whole), 1e-9)
     shares = np.arange(1.0, n + 1)
     close(whole.combined(shares).dot(whole)[0], shares @ whole.dot(whole), 1e-9)
+
+
+@pytest.mark.parametrize("written_out", ["measured", "moved"])
+def test_parts_that_add_nothing_are_as_zeros_written_out(written_out):
+    """Of a force the samples, of a sensor the motion: whatever is made of such columns, without a number of theirs."""
+    line = short()
+    some, zeros = some_columns(line), some_columns(line) - some_columns(line)
+    absent = nothing(*getattr(zeros, written_out).shape)
+    lean, full = (replace(some, **{written_out: part}) for part in (absent, np.zeros(absent.shape)))
+    mask, shares = np.array([True, False, True]), np.array([1.0, -2.0, 3.0])
+
+    def made(c: Columns) -> list[Columns]:
+        return [c[1:], c[mask], c + c, c - c[:1], c / shares, c.combined(shares), joined([c, c[:1]]), c + some]
+
+    white = integrated(line, NOISE, FORCE, FORCE_TIME, SPREAD)
+    for one, other in zip(made(lean), made(full), strict=True):
+        assert np.array_equal(one.measured, other.measured) and np.array_equal(one.moved, other.moved)
+        close(white.embed(one).dot(white.embed(one)), white.embed(other).dot(white.embed(other)), 1e-12)
+    assert all(is_nothing(getattr(c, written_out)) for c in made(lean)[:-1])
+    assert not is_nothing(np.zeros((2, 1, 1))) and not is_nothing(np.broadcast_to(1.0, (2, 3, 1)))
 
 
 def test_the_likelihood_is_that_of_a_kalman_filter():
