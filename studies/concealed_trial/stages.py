@@ -181,6 +181,8 @@ def answer(recordings: Path, answers: Path, command: Sequence[str], jobs: int, *
         (answers / name / ENDED[1]).unlink(missing_ok=True)  # of an attempt before
     environment = {key: os.environ[key] for key in KEPT_ENVIRONMENT if key in os.environ}
     environment |= {"OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
+    if (root / "src").is_dir():  # else another checkout may be what is installed
+        environment["PYTHONPATH"] = str(root / "src")
     running: list[subprocess.Popen] = []
     try:
         for part in parts:

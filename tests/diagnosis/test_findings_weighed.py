@@ -25,8 +25,11 @@ from manoeuvre_nn.effect.rudder import RudderDelay, RudderOffset
 from manoeuvre_nn.effect.sensors import LeverArm
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
+from manoeuvre_nn.recording.check import weighed as check_weighed
+from manoeuvre_nn.recording.check.axes import HELD_TURN
 from manoeuvre_nn.recording.check.checks import check_over_ground
-from manoeuvre_nn.recording.check.weighed import Bounds
+from manoeuvre_nn.recording.check.finding import Finding
+from manoeuvre_nn.recording.check.weighed import Bounds, weighed
 from manoeuvre_nn.recording.preparation import over_ground
 from manoeuvre_nn.recording.read.mapping_file import CONCEALED, read_mapping
 from manoeuvre_nn.recording.read.reader import read_measured
@@ -240,6 +243,23 @@ def test_a_ship_that_comes_round_against_her_rudder_in_a_zigzag_is_no_other_sign
     zigzagged = replace(measured, meta={**measured.meta, "kind": "zz10"})
     ((said,),) = check_over_ground([zigzagged], SHIP.particulars, bounds=bounds)
     assert "in a zigzag of the other sign it would have been put over long before" in said
+
+
+@pytest.mark.parametrize("others, refused", [("right", False), ("turned round", True)])
+def test_all_runs_of_a_recorder_tell_the_sign_of_a_zigzag_that_leaves_it_nearly_open(monkeypatch, others, refused):
+    """Its own rudder moved too seldom: by three standard errors it acts the wrong way, as by chance in few runs."""
+    with unchecked():
+        approached = replace(zigzag(10.0, duration=520.0), stages=(Stage(0.0, hold=60.0), *zigzag(10.0).stages))
+        (run,) = roll_out(Vessel(CalmWater(SHIP), [RollCoupling(SHIP, N_phi=-0.26)]), [approached], step=2.0)
+        more = roll_out(Vessel(CalmWater(SHIP)), [zigzag(20.0, duration=400.0)] * 2, step=2.0)
+    if others == "turned round":
+        more = [one.with_channels(delta=-one["delta"]) for one in more]
+    found = Finding("rudder sign", "refuse", "rudder sign opposite to the turn")
+    monkeypatch.setattr(check_weighed, "rudder_effect", lambda run, ship: (-3.0, 1.0))
+    monkeypatch.setattr(check_weighed, "turned_by_held_rudder", lambda run, ship: -2 * HELD_TURN)
+    zigzagged = replace(run, meta={**run.meta, "kind": "zz10"})
+    said = weighed(found, zigzagged, SHIP.particulars, replace(SHELF, rudder_delay=0.0), [zigzagged, *more])
+    assert said.trips == refused
 
 
 WEAVES = (0, 2)

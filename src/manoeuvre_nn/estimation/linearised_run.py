@@ -107,6 +107,12 @@ class LinearisedRun:
         """What the states are."""
         return self.rate.states
 
+    @property
+    def sails(self) -> bool:
+        """Whether steps of the model are finite, and a radian of rudder changes no speed by the ship's own in one."""
+        whole = np.isfinite(self.transition).all() and np.isfinite(self.rudder_push).all()
+        return bool(whole and np.abs(self.rudder_push[:, :2]).max(initial=0.0) < self.rate.dynamics.particulars.speed)
+
     @cached_property
     def present(self) -> Float[np.ndarray, "n c"]:
         """One where a channel was measured, else 0: what was made from other channels says nothing that they do not."""

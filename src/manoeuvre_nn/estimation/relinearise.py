@@ -10,7 +10,6 @@ from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedData
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import joined
-from manoeuvre_nn.estimation.linearised_run import LinearisedRun
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.prepared_run import about_states, base_columns
 from manoeuvre_nn.estimation.rudder_blades import behind_record
@@ -64,16 +63,10 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis, corrected: bool
         receiver = lin.columns[run].measured[:, :4, 0]
         acting = fitted.hypothesis.effects, [v[run] for v in fitted.hypothesis.values]
         moved = about_states(data_set.dynamics, prepared, states, shares, rudders[run], receiver, acting)
-        if not _sails(moved.linearised, data_set.dynamics.particulars.speed):
+        if not moved.linearised.sails:
             moved = replace(prepared, base=base_columns(data_set.dynamics, prepared.linearised))
         runs.append(moved)
     return WhitenedDataSet(data_set.dynamics, runs, data_set.coefficient_prior)
-
-
-def _sails(linearised: LinearisedRun, speed: float) -> bool:
-    """Whether steps of the model are finite, and a radian of rudder changes no velocity by the ship's speed in one."""
-    whole = np.isfinite(linearised.transition).all() and np.isfinite(linearised.rudder_push).all()
-    return bool(whole and np.abs(linearised.rudder_push[:, :2]).max(initial=0.0) < speed)
 
 
 def beside(likelihood: MarginalLikelihood, hypothesis: Hypothesis) -> MarginalLikelihood:

@@ -104,9 +104,12 @@ def smooth(
     whole = 0
     for _ in range(MAX_LINEARISATIONS):
         share = step_share(track, states)
+        moved = track + share * states[:, : kept.count]
+        there = linearise(run, rate, moved)
+        if states.any() and not there.sails:
+            break  # the model's equations are not for such a state: the one before stays
         whole += share == 1.0
-        track = track + share * states[:, : kept.count]
-        linearised = linearise(run, rate, track)
+        track, linearised = moved, there
         solved = integrated(linearised, sigma * np.sqrt(inflation), process_sd, ship.time_unit, start_sd)
         columns = joined([linearised.data, _kinematic_errors(linearised)])
         embedded = solved.embed(columns)

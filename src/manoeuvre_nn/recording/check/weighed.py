@@ -129,16 +129,29 @@ def weighed(
         if late is not None:
             when = "late" if late > 0 else "early"
             return _note(f"{finding.text}: a rudder written down some {abs(late):.0f} s {when} would explain it")
-        if _comes_round_in_a_zigzag(run, ship):
+        if _comes_round_in_a_zigzag(run, ship, runs):
             return _note(f"{finding.text}: in a zigzag of the other sign it would have been put over long before")
     return finding
 
 
-def _comes_round_in_a_zigzag(run: Recording, ship: Particulars) -> bool:
-    """Whether a run is a zigzag in which the ship comes round against a rudder whose movements leave its sign open."""
-    b, error = rudder_effect(run, ship)
+def _comes_round_in_a_zigzag(run: Recording, ship: Particulars, runs: Sequence[Recording]) -> bool:
+    """Whether a run is a zigzag in which the ship comes round against a rudder whose movements leave its sign open.
+
+    All runs of a recorder together may show the right sign, too: a ship that is unstable on course, or a moment that a
+    small rudder does not hold, turns against it in one.
+
+    Returns:
+        True for what no other sign explains.
+    """
     told = str(run.meta.get("kind", "")).startswith(ZIGZAGS)
-    return told and abs(b) < OPEN * error and turned_by_held_rudder(run, ship) < -HELD_TURN
+    if not told or turned_by_held_rudder(run, ship) >= -HELD_TURN:
+        return False
+    b, error = rudder_effect(run, ship)
+    own, *others = (
+        _evidence_of_delays(one, ship, np.zeros(1))[:, 0] for one in [run, *(r for r in runs if r is not run)]
+    )
+    right, wrong = sum(others, own)
+    return abs(b) < OPEN * error or bool(own[0] >= own[1] and right > wrong + STRONG_EVIDENCE**2 / 2)
 
 
 def strong_current(run: Recording, ship: Particulars) -> Finding | None:
