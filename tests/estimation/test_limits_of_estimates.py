@@ -24,13 +24,13 @@ from manoeuvre_nn.estimation import (
     prime_recordings,
     prior_average,
     record_information,
-    relinearise,
 )
 from manoeuvre_nn.estimation import smoothed_run as smoothing
 from manoeuvre_nn.estimation.captive_fit import compare
 from manoeuvre_nn.estimation.coefficients import Fitted
 from manoeuvre_nn.estimation.corrections import Corrections
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
+from manoeuvre_nn.estimation.linearised_run import LinearisedRun
 from manoeuvre_nn.estimation.measurement_noise import measured_noise
 from manoeuvre_nn.estimation.prepared_run import samples_a_state
 
@@ -302,8 +302,11 @@ def test_samples_are_averaged_over_a_tenth_of_a_ship_length_and_two_seconds_at_m
 def test_a_ship_that_a_radian_of_rudder_pushes_by_all_her_speed_in_a_step_is_none(push, sails):
     pushed, transition = np.zeros((5, 6)), np.zeros((5, 9, 9))
     pushed[2, 1], pushed[:, 2] = push, 99.0  # of u and v alone
-    assert relinearise._sails(Mock(transition=transition, rudder_push=pushed), 8.0) is sails
-    assert not relinearise._sails(Mock(transition=np.full((5, 9, 9), np.nan), rudder_push=np.zeros((5, 6))), 8.0)
+    line = Mock(transition=transition, rudder_push=pushed)
+    line.rate.dynamics.particulars.speed = 8.0
+    assert LinearisedRun.sails.fget(line) is sails
+    line.transition, line.rudder_push = np.full((5, 9, 9), np.nan), np.zeros((5, 6))
+    assert not LinearisedRun.sails.fget(line)
 
 
 def test_errors_are_added_up_over_a_little_less_than_thirty_samples():
