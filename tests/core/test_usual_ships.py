@@ -113,6 +113,7 @@ def test_a_gear_goes_evenly_to_each_order_and_rests_there():
     assert followed(time, -order, 0.2).tolist() == approx([0.0, -0.1, -0.3, -0.1, 0.1, 0.1])
     ordered = Recording("r", time, {"delta_order": np.where(order < 0, np.nan, order)})
     assert ordered.ordered_rudder(0.2).tolist() == approx([0.0, 0.1, 0.3, 0.3, 0.3, 0.3]), "gaps are filled"
+    assert ordered.ordered_rudder(0.1).tolist() == approx([0.0, 0.05, 0.15, 0.3, 0.3, 0.3]), "a gear of another rate"
     assert Recording("r", time, {"delta": order}).ordered_rudder(0.2) is None
     derived = Recording("r", time, {"delta_order": order}, meta={"derived": ["delta_order"]})
     assert derived.ordered_rudder(0.2) is None

@@ -162,13 +162,13 @@ def test_columns_that_enter_channels_or_steps_alone_are_as_among_others():
     close(whole.combined(shares).dot(whole)[0], shares @ whole.dot(whole), 1e-9)
 
 
-@pytest.mark.parametrize("written_out", ["measured", "moved"])
-def test_parts_that_add_nothing_are_as_zeros_written_out(written_out):
+@pytest.mark.parametrize("part", ["measured", "moved"])
+def test_parts_that_add_nothing_are_as_zeros_written_out(part):
     """Of a force the samples, of a sensor the motion: whatever is made of such columns, without a number of theirs."""
     line = short()
-    some, zeros = some_columns(line), some_columns(line) - some_columns(line)
-    absent = nothing(*getattr(zeros, written_out).shape)
-    lean, full = (replace(some, **{written_out: part}) for part in (absent, np.zeros(absent.shape)))
+    some = some_columns(line)
+    absent = nothing(*getattr(some, part).shape)
+    lean, full = (replace(some, **{part: zeros}) for zeros in (absent, np.zeros(absent.shape)))
     mask, shares = np.array([True, False, True]), np.array([1.0, -2.0, 3.0])
 
     def made(c: Columns) -> list[Columns]:
@@ -178,7 +178,7 @@ def test_parts_that_add_nothing_are_as_zeros_written_out(written_out):
     for one, other in zip(made(lean), made(full), strict=True):
         assert np.array_equal(one.measured, other.measured) and np.array_equal(one.moved, other.moved)
         close(white.embed(one).dot(white.embed(one)), white.embed(other).dot(white.embed(other)), 1e-12)
-    assert all(is_nothing(getattr(c, written_out)) for c in made(lean)[:-1])
+    assert all(is_nothing(getattr(c, part)) for c in made(lean)[:-1])
     assert not is_nothing(np.zeros((2, 1, 1))) and not is_nothing(np.broadcast_to(1.0, (2, 3, 1)))
 
 

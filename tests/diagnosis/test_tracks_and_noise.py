@@ -7,7 +7,7 @@ import pytest
 import torch
 from fleet import ship_named, unchecked
 from pytest import approx
-from strangers import Stranger, periodic
+from strangers import Stranger
 from tiers import mainly
 from trials import CALM, CIRCLE, NOISE, SHIP, ZIGZAG, run_of, sailed, states_of
 
@@ -17,6 +17,7 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
+from manoeuvre_nn.effect.common import typical
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.propulsion import PowerLimit
 from manoeuvre_nn.effect.wind import SteadyWind
@@ -213,20 +214,15 @@ def test_positions_that_run_away_ahead_of_a_slow_turning_ship_leave_her_underway
     assert speed == approx(sailing["u"], abs=0.3 * tanker.particulars.speed)
 
 
-class Swell(Stranger):
-    """A yaw moment that goes to and fro with the period of a long following swell."""
-
-    def acceleration(self, s, memory):
-        moment = self.value("size") * torch.sin(2 * torch.pi * s.time / 75.0)
-        return torch.stack([0 * s.u, 0 * s.u, moment + 0 * s.r], dim=-1)
-
-
 @pytest.mark.parametrize("size", mainly(1, [2e-3, 3e-3]))
 def test_a_ship_that_a_swell_yaws_is_not_smoothed_to_states_that_no_model_sails(size):
-    """Without a log, step by step, her way through the water comes to nothing, and the model of the tanker breaks."""
+    """A yaw acceleration of so many rad/s^2; without a log her way comes to nothing step by step: the model breaks."""
     tanker = CalmWater(ship_named("esso_190k"))
     with unchecked():
-        vessel = Vessel(tanker, [Swell(size, "N", periodic(75.0))])
+        swell = Stranger(
+            size / typical(SHIP)[2], "N", lambda s: torch.sin(2 * torch.pi * s.time / 75.0) + 0 * s.u, runs=(1.0,)
+        )
+        vessel = Vessel(tanker, [swell])
         (sailing,) = roll_out(vessel, [zigzag(20.0, duration=900.0)], step=2.0, interval=2.0)
     seen = measured(run_of(sailing, NOISE))
     seen[:, 6] = np.nan

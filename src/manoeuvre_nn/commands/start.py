@@ -17,7 +17,6 @@ def main() -> None:
     with _loading():
         from manoeuvre_nn.commands import main as commands
 
-        _keep_libraries()
         commands.main()
 
 
@@ -27,14 +26,7 @@ def run(command: str) -> None:
     with _loading():
         from manoeuvre_nn.commands import main as commands
 
-        _keep_libraries()
         commands.run(command)
-
-
-def _keep_libraries() -> None:
-    """Have the million objects of imported libraries no longer looked through for garbage: a twentieth of a job."""
-    gc.collect()
-    gc.freeze()
 
 
 def _loading() -> ExitStack:

@@ -109,7 +109,7 @@ class LinearisedRun:
 
     @property
     def sails(self) -> bool:
-        """Whether steps of the model are finite, and a radian of rudder changes no speed by the ship's own in one."""
+        """Whether steps of the model are finite, and a radian of rudder changes u, v by less than the ship's speed."""
         whole = np.isfinite(self.transition).all() and np.isfinite(self.rudder_push).all()
         return bool(whole and np.abs(self.rudder_push[:, :2]).max(initial=0.0) < self.rate.dynamics.particulars.speed)
 

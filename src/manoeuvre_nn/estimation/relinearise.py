@@ -1,7 +1,5 @@
 """Linearising again: about the states that a fitted hypothesis itself makes most likely."""
 
-from dataclasses import replace
-
 import numpy as np
 from jaxtyping import Float
 
@@ -11,7 +9,7 @@ from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import joined
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
-from manoeuvre_nn.estimation.prepared_run import about_states, base_columns
+from manoeuvre_nn.estimation.prepared_run import about_states
 from manoeuvre_nn.estimation.rudder_blades import behind_record
 from manoeuvre_nn.estimation.smoothed_run import step_share
 from manoeuvre_nn.numerics.finite_algebra import lstsq
@@ -64,7 +62,7 @@ def refined(data_set: WhitenedDataSet, fitted: FittedHypothesis, corrected: bool
         acting = fitted.hypothesis.effects, [v[run] for v in fitted.hypothesis.values]
         moved = about_states(data_set.dynamics, prepared, states, shares, rudders[run], receiver, acting)
         if not moved.linearised.sails:
-            moved = replace(prepared, base=base_columns(data_set.dynamics, prepared.linearised))
+            moved = data_set.whole[run]
         runs.append(moved)
     return WhitenedDataSet(data_set.dynamics, runs, data_set.coefficient_prior)
 

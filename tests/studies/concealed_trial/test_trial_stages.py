@@ -26,8 +26,8 @@ given = dict(word.split("=", 1) for word in sys.argv[1:])
 for case in sorted(Path(given["cases"]).iterdir()):
     out = Path(given["out"]) / case.name
     out.mkdir(parents=True)
-    seen = sorted(os.environ)
-    (out / "answer.json").write_text(json.dumps({"verdict": "none", "effects": [], "seen": seen}))
+    seen, path = sorted(os.environ), sys.path[1:]
+    (out / "answer.json").write_text(json.dumps({"verdict": "none", "effects": [], "seen": seen, "path": path}))
 """
 
 
@@ -101,6 +101,7 @@ def test_a_tool_answers_what_is_not_answered_yet_in_a_clean_environment(quick, t
     generate(Trial(5, 5), tmp_path, 1)
     tool, answers = tmp_path / "tool.py", tmp_path / "answers"
     tool.write_text(TOOL)
+    (tmp_path / "src").mkdir()
     first = case_name(5, 0)
     (answers / first).mkdir(parents=True)
     (answers / first / "answer.json").write_text("{}")
@@ -112,6 +113,7 @@ def test_a_tool_answers_what_is_not_answered_yet_in_a_clean_environment(quick, t
     seen = set(found[case_name(5, 1)]["seen"])
     assert "SECRET_SEED" not in seen
     assert "OMP_NUM_THREADS" in seen
+    assert found[case_name(5, 1)]["path"][0] == str(tmp_path / "src"), "its own checkout, whatever is installed"
 
 
 def test_a_tool_that_fails_is_reported_with_its_log(quick, tmp_path):
