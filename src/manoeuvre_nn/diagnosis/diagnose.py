@@ -10,7 +10,6 @@ from manoeuvre_nn.diagnosis import checks as checking
 from manoeuvre_nn.diagnosis.case import Question
 from manoeuvre_nn.diagnosis.causes import causes_of
 from manoeuvre_nn.diagnosis.claims import Proved, decided, error_after, held_out_gain, unit_of_error
-from manoeuvre_nn.diagnosis.decision import by_any_coefficient_prior
 from manoeuvre_nn.diagnosis.forecast import forecasts, unplaced_events
 from manoeuvre_nn.diagnosis.locate import MAX_PROCESS_NOISE, residuals, sites, statements
 from manoeuvre_nn.diagnosis.nature import nature_of
@@ -49,7 +48,7 @@ def diagnose(question: Question, progress: Progress = lambda _: None) -> Diagnos
     began = time.perf_counter()
     progress("tracks and noise")
     data_set = whitened_data_set(question.dynamics, question.case.fitted)
-    tried = by_any_coefficient_prior(searched(data_set, question.effects, progress, question.workers))
+    tried = searched(data_set, question.effects, progress, question.workers)
     progress("proof")
     verdict, (chosen, proofs, checks) = decided(question, tried)
     if question.remainder and is_left(tried.likelihood, chosen):

@@ -15,6 +15,7 @@ from manoeuvre_nn.diagnosis.decision import (
     MAX_SETTLED,
     PRIOR_NONE,
     base_rate,
+    by_any_coefficient_prior,
     effects_tried,
     has_one_less,
     likelier_than_calm_water,
@@ -32,13 +33,14 @@ from manoeuvre_nn.estimation.marginal_likelihood import (
     MarginalLikelihood,
     log_prior_levels,
 )
+from manoeuvre_nn.estimation.prior_average import gain_by_coefficient_priors
 from manoeuvre_nn.estimation.relinearise import beside
 
 
 def searched(
     data_set: WhitenedDataSet, effects: Sequence[Effect], progress: Progress = lambda _: None, workers: int = 1
 ) -> SearchResult:
-    """Search and settle; where the leading hypothesis needs a ship with other coefficients, without such ships too.
+    """Search, weigh with any prior of the coefficients, settle; where the leading hypothesis needs a ship with other coefficients, without such ships too.
 
     Coefficients that may be anything take up the greater part of several strong effects, so that the search follows
     none of them. With those as they usually are it does; what it finds so is weighed with any coefficients.
@@ -52,21 +54,21 @@ def searched(
     Returns:
         The one of both in which the leading hypothesis is likelier, base rates counted.
     """
-    found = settled(search(data_set, effects, progress, workers), workers)
+    found = settled(by_any_coefficient_prior(search(data_set, effects, progress, workers)), workers)
     if is_fitted(data_set.dynamics) or _leading(found)[1].best[1] < USUAL_LEVELS:
         return found
     progress("all again with coefficients as usual")
     prior = data_set.coefficient_prior._replace(usual=True)
     usual = settled(search(data_set.with_prior(prior), effects, progress, workers), workers)
-    again = _with_any_coefficients(usual)
+    again = by_any_coefficient_prior(_with_any_coefficients(usual))
     return again if _leading(again)[0] > _leading(found)[0] else found
 
 
 def _leading(result: SearchResult) -> tuple[float, FittedHypothesis]:
     """What leads, and its log evidence and base rate; calm water if nothing else does."""
-    effects = len(effects_tried(result))
-    weighed = [(j.evidence + log(base_rate(len(j.names), effects)), j) for j in result.fitted]
-    return max([(result.none.evidence + log(PRIOR_NONE), result.none), *weighed], key=lambda one: one[0])
+    effects, calm = len(effects_tried(result)), result.calm_gain or 0.0
+    weighed = [(j.evidence + calm + log(base_rate(len(j.names), effects)), j) for j in result.fitted]
+    return max([(result.none.evidence + calm + log(PRIOR_NONE), result.none), *weighed], key=lambda one: one[0])
 
 
 def _with_any_coefficients(usual: SearchResult) -> SearchResult:
@@ -97,7 +99,7 @@ def _of_any_coefficients(data_set: WhitenedDataSet) -> WhitenedDataSet:
 def settled(result: SearchResult, workers: int = 1) -> SearchResult:
     """The search with the hypotheses that are still in the race linearised about their own states until these rest.
 
-    They are those within :data:`MAX_DEFICIT_IN_RACE` of the best, and of several effects the best with one of them
+    They are those within :data:`MAX_DEFICIT_IN_RACE` of the best, base rates counted, and of several effects the best with one of them
     less: what the last one adds about common states it need not add about its own, nor beside the same without it
     about these. Where these lose, the next best come in their place. One effect alone is in no race. All were
     linearised about the same states before; what is never in the race loses what the best loses.
@@ -118,7 +120,7 @@ def settled(result: SearchResult, workers: int = 1) -> SearchResult:
         # What has rested does so again only if a part of it is new.
         parts = {j.names: [part for part in race if has_one_less(part, j)] for j in race}
         asked = [j for j in race if j.names in new or any(part.names in new for part in parts[j.names])]
-        steps = [partial(_rested, result.likelihood.data_set, j, parts[j.names]) for j in asked]
+        steps = [partial(_rested, result.likelihood.data_set, j, parts[j.names], result.calm_gain) for j in asked]
         first, leading = not known, race[0]
         for found, beside_it in shared_out(steps, workers):
             for rested in (found, *beside_it):
@@ -136,23 +138,34 @@ def _with_evidence(result: SearchResult, known: Mapping[tuple[str, ...], float],
 
 
 def _rested(
-    data_set: WhitenedDataSet, fitted: FittedHypothesis, parts: Sequence[FittedHypothesis]
+    data_set: WhitenedDataSet, fitted: FittedHypothesis, parts: Sequence[FittedHypothesis], calm_gain: float | None
 ) -> tuple[FittedHypothesis, list[FittedHypothesis]]:
-    """A hypothesis about its own states, and others about these states."""
+    """A hypothesis about its own states, and others about these states, weighed as the search is."""
     there, found = at_rest(data_set, fitted)
     likelihood = MarginalLikelihood(there)
-    return found, [refine(beside(likelihood, p.hypothesis), p.hypothesis, *p.best) for p in parts]
+
+    def weighed(j: FittedHypothesis) -> FittedHypothesis:
+        if calm_gain is None:
+            return j
+        return replace(j, evidence=j.evidence + gain_by_coefficient_priors(beside(likelihood, j.hypothesis).data_set, j) - calm_gain)
+
+    others = [refine(beside(likelihood, p.hypothesis), p.hypothesis, *p.best) for p in parts]
+    return weighed(found), [weighed(j) for j in others]
 
 
 def _race(result: SearchResult) -> list[FittedHypothesis]:
     """What :func:`settled` settles, the best first."""
     # Of gusts the course is integrated out about the states of the steady wind.
     steady = [j for j in result.fitted if not any(e.random for e in j.hypothesis.effects)]
-    worthy = {j.names for j in plausible(result)}
-    named = [j for j in steady if j.names in worthy]
+    worthy, effects = {j.names for j in plausible(result)}, len(effects_tried(result))
+
+    def weight(j: FittedHypothesis) -> float:
+        return j.evidence + log(base_rate(len(j.names), effects))
+
+    named = sorted((j for j in steady if j.names in worthy), key=weight, reverse=True)
     if not named or not likelier_than_calm_water(result, named[0]):
         return []
-    race = [j for j in named if j.evidence > named[0].evidence - MAX_DEFICIT_IN_RACE][:MAX_IN_RACE]
+    race = [j for j in named if weight(j) > weight(named[0]) - MAX_DEFICIT_IN_RACE][:MAX_IN_RACE]
     for several in race[:]:
         fewer = [j for j in steady if has_one_less(j, several)]
         race += [j for j in fewer[:1] if all(j.names != other.names for other in race)]
