@@ -3,7 +3,7 @@
 Of all that the search found the first claim is named that predicts runs which it has not seen better.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -145,26 +145,35 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         if not why and second_best and error_after(question, second_best[1]) < error_after(question, best.proofs):
             break  # events that do not sail held-out runs are nearer to these than what would take their place
         if not why:
-            return passed
+            # A formula is a last resort: a name that is likelier, in held-out runs too, may only stray further.
+            return (_strayed(question, tried, known.values()) if Formula.name in best.fitted.names else None) or passed
         if why == checking.ANY_FORCE and second_best is None:
             second_best = passed
         key = next(k for k, t in known.items() if t is best)
         known[key] = replace(best, check=Check(GAIN, False, f"{best.check.text}; {why}"), likelier=False)
         left.insert(0, claim)  # or what may take its place
-    likeliest = max(known.values(), key=lambda t: t.evidence, default=None)
-    if likeliest and likeliest.likelier and not likeliest.helped:
-        free = repaired_check(question, tried, likeliest.fitted, likeliest.there)
-        if free.passed:
-            why = "; free runs of this ship may go so far astray, and their log evidence alone would be enough"
-            check = replace(likeliest.check, passed=True, text=likeliest.check.text + why)
-            told = [check if t is likeliest else t.check for t in known.values()]
-            return likeliest.fitted, likeliest.proofs, [*told, free, *checking.checks(tried, likeliest.fitted)]
+    if strayed := _strayed(question, tried, known.values()):
+        return strayed
     if second_best:
         return second_best
     # Nothing is missing, but coefficients may be off within their scatter.
     corrected = prove(question, none, none.hypothesis, proofs) if proofs else []
     better = error_after(question, corrected) < before
     return none, corrected if better else proofs, [t.check for t in known.values()]
+
+
+def _strayed(question: Question, tried: SearchResult, put: Collection["Tried"]) -> Proved | None:
+    """The likeliest of all that was put to the proof, if nothing but its free runs speaks against it."""
+    likeliest = max(put, key=lambda t: t.evidence, default=None)
+    if likeliest is None or not likeliest.likelier or likeliest.helped:
+        return None
+    free = repaired_check(question, tried, likeliest.fitted, likeliest.there)
+    if not free.passed:
+        return None
+    why = "; free runs of this ship may go so far astray, and their log evidence alone would be enough"
+    check = replace(likeliest.check, passed=True, text=likeliest.check.text + why)
+    told = [check if t is likeliest else t.check for t in put]
+    return likeliest.fitted, likeliest.proofs, [*told, free, *checking.checks(tried, likeliest.fitted)]
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from manoeuvre_nn.diagnosis.search import (
     SearchResult,
     worth_its_size,
 )
-from manoeuvre_nn.diagnosis.unknown import random_force, receiver_wander, unknown_evidence
+from manoeuvre_nn.diagnosis.unknown import random_force, receiver_wander, unknown_by_receiver, unknown_evidence
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.effect.formula import Formula
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
@@ -183,7 +183,8 @@ def decide(result: SearchResult) -> Decision:
     event = best is not None and not trained and any(e.timed for e in best.hypothesis.effects)
     random = random_force(there, result.none) if event else None
     any_force = unmodelled = unknown_evidence(there, result.none, None if trained else formula, calm, random)
-    more, named_too = _by_usual_receiver(replace(result, likelihood=there), best, unmodelled)
+    more, of_unknown, named_too = _by_usual_receiver(replace(result, likelihood=there), best, unmodelled)
+    unmodelled += of_unknown
     # Calm water is so much likelier where a receiver wanders; a name that is likelier still stays, and loses nothing.
     none, unmodelled = (none, unmodelled - more) if named_too else (none + more, unmodelled)
     result = replace(result, none=replace(result.none, evidence=none))
@@ -272,27 +273,30 @@ def by_any_coefficient_prior(result: SearchResult) -> SearchResult:
     return replace(result, fitted=sorted(weighed, key=lambda j: -j.evidence), calm_gain=calm)
 
 
-def _by_usual_receiver(result: SearchResult, best: FittedHypothesis | None, unmodelled: float) -> tuple[float, bool]:
-    """What calm water gains if half of it is seen by a receiver that wanders as usual ones do.
+def _by_usual_receiver(
+    result: SearchResult, best: FittedHypothesis | None, unmodelled: float
+) -> tuple[float, float, bool]:
+    """What calm water and something unknown gain if half of either is seen by a receiver that wanders as usual ones do.
 
     Returns:
-        The gain in log evidence, 0 where there is none or where calm water is likeliest anyway; and whether the best
-        hypothesis with a name is likelier than calm water with such a receiver all the same, by itself or if it is
-        seen by one, too.
+        Both gains in log evidence, 0 where calm water has none or is likeliest anyway; and whether the best hypothesis
+        with a name is likelier than calm water with such a receiver all the same, by itself or if it is seen by one,
+        too.
     """
     none, likelihood = result.none, result.likelihood
     named = best is not None and likelier_than_calm_water(result, best)
     if not named and unmodelled < none.evidence + MIN_GAIN_OF_UNKNOWN:
-        return 0.0, False
+        return 0.0, 0.0, False
     wandering = float(np.logaddexp(none.evidence, receiver_wander(likelihood, none).evidence) - np.log(2))
     if wandering < none.evidence:
-        return 0.0, False
+        return 0.0, 0.0, False
+    unknown = float(np.logaddexp(unmodelled, unknown_by_receiver(likelihood, none)) - np.log(2))
     seen = replace(result, none=replace(none, evidence=wandering))
     named_too = best is not None and (
         likelier_than_calm_water(seen, best)
         or likelier_than_calm_water(seen, replace(best, evidence=receiver_wander(likelihood, best).evidence))
     )
-    return wandering - none.evidence, named_too
+    return wandering - none.evidence, max(unknown - unmodelled, 0.0), named_too
 
 
 def _log_weights(

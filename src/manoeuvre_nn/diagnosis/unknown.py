@@ -7,7 +7,7 @@ scale or a lever arm are a fault of a sensor that the shelf does not have.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -155,7 +155,10 @@ class ReceiverWander:
 
 
 def receiver_wander(
-    likelihood: MarginalLikelihood, fitted: FittedHypothesis, levels: int = len(COEFFICIENT_SD_LEVELS)
+    likelihood: MarginalLikelihood,
+    fitted: FittedHypothesis,
+    levels: int = len(COEFFICIENT_SD_LEVELS),
+    loose: bool = False,
 ) -> ReceiverWander:
     """Log evidence of a hypothesis at its values if positions have the slow error of a usual satellite receiver.
 
@@ -167,6 +170,8 @@ def receiver_wander(
         likelihood: The runs.
         fitted: Calm water, or effects.
         levels: How many of the levels of the coefficients' standard deviation are allowed, from the least.
+        loose: Whether the process noise has its level in ``fitted``, any as likely as others, as beside something
+            unknown; else a little one, as where physics is named.
 
     Returns:
         What came out. None was tried where no position was recorded, the recordings are hours long, or the model was
@@ -178,8 +183,9 @@ def receiver_wander(
     recorded = any(p.linearised.present[:, :2].any() for p in data_set.runs)
     if is_fitted(data_set.dynamics) or not recorded or spacing > LONGEST_KNOT_S or cells > MAX_CELLS:
         return ReceiverWander(0.0, WANDER_TIMES_S[0], -np.inf)
-    level = data_set.levels.quiet(fitted.best[0])
-    prior, found = log_prior_levels(data_set, PROCESS_PRIOR)[level, :levels], list[tuple[float, float, float]]()
+    level = fitted.best[0] if loose else data_set.levels.quiet(fitted.best[0])
+    prior = log_prior_levels(data_set, None if loose else PROCESS_PRIOR)[level, :levels]
+    found = list[tuple[float, float, float]]()
     base = [p.base for p in data_set.runs]
     if fitted.names:
         added = hypothesis_columns(data_set, fitted.hypothesis).columns
@@ -241,9 +247,7 @@ def unknown_evidence(
     Returns:
         The log evidence; half of it stands on the formula if there is one, of what is left half on the random force.
     """
-    data_set = likelihood.data_set
-    grid, (row, column) = data_set.levels, data_set.levels.at(none.best[0])
-    near = sorted({*grid.around(none.best[0]), grid.point(row + 2, column), grid.point(row, column + 2)})
+    data_set, near = likelihood.data_set, _loose_levels(likelihood, none)
     loose = np.stack([likelihood.posterior(None, g).evidence for g in near])
     more = 0.0 if calm is None else gain_by_coefficient_priors(data_set, none, near, None) - calm
     without = logsumexp(loose + log_prior_levels(data_set, None)[near]) + more
@@ -251,6 +255,27 @@ def unknown_evidence(
         without = np.logaddexp(without, random.evidence) - np.log(2)
     found = np.array([without, -np.inf if formula is None else formula.evidence])
     return float(logsumexp(found - np.log(2))) + _strange_sensors(data_set)
+
+
+def unknown_by_receiver(likelihood: MarginalLikelihood, none: FittedHypothesis) -> float:
+    """Log evidence of something unknown without a short formula, seen by a receiver that wanders as usual ones do.
+
+    Args:
+        likelihood: Of the runs about the states of calm water.
+        none: Calm water.
+
+    Returns:
+        As of :func:`unknown_evidence`, the receiver as in :func:`receiver_wander`.
+    """
+    near = [replace(none, best=(g, none.best[1])) for g in _loose_levels(likelihood, none)]
+    each = [receiver_wander(likelihood, j, loose=True).evidence for j in near]
+    return float(logsumexp(each) - np.log(2)) + _strange_sensors(likelihood.data_set)
+
+
+def _loose_levels(likelihood: MarginalLikelihood, none: FittedHypothesis) -> list[int]:
+    """Levels of the process noise of something unknown: near those of calm water, and two sizes above them."""
+    grid, (row, column) = likelihood.data_set.levels, likelihood.data_set.levels.at(none.best[0])
+    return sorted({*grid.around(none.best[0]), grid.point(row + 2, column), grid.point(row, column + 2)})
 
 
 def _strange_sensors(data_set: WhitenedDataSet) -> float:
