@@ -29,12 +29,11 @@ ANY_FORCE = "events at any times come near to any force, and held-out runs are n
 """Why a claim gives way that stands again where nothing else passes."""
 NO_LESS = "no less is left than in calm water"
 """Why a claim of events does not even then; of others it is one reason of several."""
-SIZE_CONFIDENCE = 0.954
-"""Confidence, two standard errors of one number, at which the sizes of an effect must not be those of none."""
-ALONE_CONFIDENCE = 1 - 0.01 / 25
-"""The same of an effect that is named alone, 3.5 standard errors of one number: in fewer than 1 % of clean cases one of
-some 25 candidates is so large. The log evidence that is asked for, 5, takes as much (``z^2 / 2`` less what the width of
-the prior costs): values that are less clear, averaged over what else may be, do not bear it out."""
+SIZE_CONFIDENCE = 1 - 0.01 / 25
+"""Confidence, 3.5 standard errors of one number, at which the sizes of an effect must not be those of none: in fewer
+than 1 % of cases one of some 25 candidates that do not act is so large. The log evidence that is asked for, 5, takes as
+much (``z^2 / 2`` less what the width of the prior costs): values that are less clear, averaged over what else may be,
+do not bear it out."""
 INDISTINGUISHABLE = 9.0
 """Expected gap, twice the log evidence, below which two effects are reported together."""
 
@@ -97,26 +96,30 @@ def _forms_off(chosen: FittedHypothesis) -> list[tuple[str, float]]:
     return [(name, sds) for name, sds in forms if sds > MAX_FORM_SDS]
 
 
-def may_be_nothing(fitted: FittedHypothesis, effect: int, confidence: float = SIZE_CONFIDENCE) -> bool:
-    """Whether all sizes of an effect are within their errors of those at which it vanishes: ``x^T C^-1 x``.
+def chance_of_nothing(fitted: FittedHypothesis, effect: int) -> float:
+    """How often sizes as far from those at which an effect vanishes are found where it does: by ``x^T C^-1 x``.
 
     Args:
         fitted: A hypothesis, averaged over what else may be: at other noise than the likeliest the sizes may be others.
         effect: Number of the effect.
-        confidence: At which they must not be.
 
     Returns:
-        False for gusts, whose mean may be small beside them, and for what has no such size (a depth).
+        A probability; 0 for gusts, whose mean may be small beside them, and for what has no such size (a depth).
     """
     h = fitted.hypothesis
     own = [(k, f.parameter) for k, f in enumerate(h.unknowns()) if f.effect == effect]
     sizes = {k: p.null for k, p in own if not (p.null is None or p.form or p.period)}
     if not sizes or h.effects[effect].random:
-        return False
+        return 0.0
     at = list(sizes)
     off = h.vector()[at] - list(sizes.values())
     square = float(off @ lstsq(fitted.covariance[np.ix_(at, at)], off))
-    return square < float(chi2.ppf(confidence, len(at)))
+    return float(chi2.sf(square, len(at)))
+
+
+def may_be_nothing(fitted: FittedHypothesis, effect: int) -> bool:
+    """Whether all sizes of an effect are within their errors of those at which it vanishes (SIZE_CONFIDENCE)."""
+    return chance_of_nothing(fitted, effect) > 1 - SIZE_CONFIDENCE
 
 
 def _little_left(tried: SearchResult, chosen: FittedHypothesis) -> Check:

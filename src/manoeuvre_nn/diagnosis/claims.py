@@ -232,7 +232,7 @@ def _put_to_proof(
     likelier = tested and gain > sure and least == REFUTED
     faint = bool(j.random) and fainter_than_at_sea(j)
     by_itself = len(j.names) == 1 and Formula.name not in j.names
-    unsure = by_itself and checking.may_be_nothing(j, 0, checking.ALONE_CONFIDENCE)
+    unsure = by_itself and checking.may_be_nothing(j, 0)
     why = "; gusts at sea are larger" if faint else "; its size is within its errors of none" if unsure else ""
     text = (
         f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({unit_of_error(question)}), "
@@ -282,8 +282,9 @@ def _as_put_to_proof(
     known, j = _about_own_states(tried.likelihood.data_set, claim)
     j = _averaged(known, j)
     gone = [k for k, acts in enumerate(acting(j.hypothesis, question.case.fitted)) if not acts]
-    # An event that ends before it begins, or what may be nothing: what is left was found.
-    silent = [*gone, *(k for k in range(len(j.names)) if checking.may_be_nothing(j, k))] if len(j.names) > 1 else []
+    # An event that ends before it begins, or what may be nothing, the least clear first: what is left was found.
+    by_chance = sorted(range(len(j.names)), key=lambda k: checking.chance_of_nothing(j, k), reverse=True)
+    silent = [*gone, *(k for k in by_chance if checking.may_be_nothing(j, k))] if len(j.names) > 1 else []
     if silent:
         left = refine(MarginalLikelihood(known), j.hypothesis.without(silent[0]), *j.best)
         j = _averaged(known, replace(left, random=j.random))

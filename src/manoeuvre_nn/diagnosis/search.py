@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import product
 from math import inf
 
 import numpy as np
@@ -14,25 +13,21 @@ from manoeuvre_nn.diagnosis.fits import (
     at_rest,
     exchanged,
     fitted_at_rest,
-    from_four_sides,
     refine,
     single,
-    sizes_of,
 )
 from manoeuvre_nn.diagnosis.gusts import fitted_gusts
-from manoeuvre_nn.diagnosis.windows import EventGrid
+from manoeuvre_nn.diagnosis.partners import MAX_BUILT_UPON, Progress, extended
 from manoeuvre_nn.diagnosis.workers import shared_out
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
-from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.marginal_likelihood import USUAL_LEVELS, MarginalLikelihood
 from manoeuvre_nn.estimation.prior_average import with_likely_coefficient_prior
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 from manoeuvre_nn.estimation.relinearise import beside
 
 MIN_GAIN_TO_RELINEARISE = 12.0
 """Evidence of the best effect over calm water from which all is linearised again about its states, not calm water's."""
-MAX_BUILT_UPON = 5
-"""Number of hypotheses that are built upon."""
 MAX_EFFECTS = 3
 """Effects in a hypothesis."""
 MIN_GAIN_OF_SINGLE = 3.0
@@ -41,7 +36,6 @@ MIN_GAIN_OF_VARIANT = 3.0
 """Log evidence that a current which changes must add to a steady one to be told: odds of 20 to 1."""
 MIN_GAIN_OF_SECOND = 6.0
 """Least log evidence that a second or third effect must add, beyond the best without it and what one must have."""
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -65,7 +59,11 @@ class SearchResult:
 
 
 def search(
-    data_set: WhitenedDataSet, effects: Sequence[Effect], progress: Progress = lambda _: None, workers: int = 1
+    data_set: WhitenedDataSet,
+    effects: Sequence[Effect],
+    progress: Progress = lambda _: None,
+    workers: int = 1,
+    known: FittedHypothesis | None = None,
 ) -> SearchResult:
     """Fit calm water, every effect, and combinations of two and three.
 
@@ -74,6 +72,7 @@ def search(
         effects: Prototypes of the candidates.
         progress: Is told which candidate is under test.
         workers: Processes among which the fits are shared out.
+        known: What leads among any coefficients where these are to be as usual: it is built upon, too.
 
     Returns:
         The result.
@@ -87,7 +86,7 @@ def search(
         clear = best.evidence > none.evidence + MIN_GAIN_TO_RELINEARISE
         so_far = _again(so_far, best if clear else none, workers)
     so_far = replace(so_far, fitted=_with_other_forms(so_far.likelihood, so_far.fitted, plain, workers))
-    so_far = _combined(so_far, plain, progress, workers)
+    so_far = _combined(so_far, plain, progress, workers, known)
     fitted = [*so_far.fitted, *_varied(so_far, variants, progress, workers)]
     return replace(so_far, fitted=sorted(fitted, key=lambda j: -j.evidence))
 
@@ -116,18 +115,29 @@ def _alone(calm: SearchResult, effects: Sequence[Effect], progress: Progress, wo
     return replace(calm, none=none, likelihood=likelihood, fitted=sorted(singles, key=lambda j: -j.evidence))
 
 
-def _combined(so_far: SearchResult, effects: Sequence[Effect], progress: Progress, workers: int) -> SearchResult:
+def _combined(
+    so_far: SearchResult,
+    effects: Sequence[Effect],
+    progress: Progress,
+    workers: int,
+    known: FittedHypothesis | None = None,
+) -> SearchResult:
     """Two effects together, then three, each built upon the best few with one less."""
     leading = [s for s in so_far.fitted if s.evidence > so_far.none.evidence + MIN_GAIN_OF_SINGLE][:MAX_BUILT_UPON]
     published = _beside_published(so_far.none, so_far.fitted)
     leading += published
     for size in range(2, MAX_EFFECTS + 1):
         singles = [j for j in so_far.fitted if len(j.names) == 1]
-        more = list(_extended(so_far.likelihood, leading, singles, bool(published), progress, workers))
+        there, anew = so_far.likelihood, bool(published)
+        more = list(extended(there, leading, singles, anew, progress, workers))
+        if known is not None and len(known.names) == size - 1:
+            # For itself: as long as its partner lacks, it does worse with usual coefficients than others do.
+            usual = refine(there, known.hypothesis, known.best[0], min(known.best[1], USUAL_LEVELS - 1))
+            more += extended(there, [usual], singles, anew, progress, workers)
         if more:
             so_far = _with_more(so_far, more, effects, progress, workers)
-        known = {frozenset(j.names): j.evidence for j in so_far.fitted}
-        leading = [j for j in so_far.fitted if len(j.names) == size and worth_its_size(j, known)][:MAX_BUILT_UPON]
+        told = {frozenset(j.names): j.evidence for j in so_far.fitted}
+        leading = [j for j in so_far.fitted if len(j.names) == size and worth_its_size(j, told)][:MAX_BUILT_UPON]
     return so_far
 
 
@@ -276,77 +286,6 @@ def worth_its_size(fitted: FittedHypothesis, known: Mapping[frozenset[str], floa
     return fitted.evidence > max(parts, default=-inf) + (MIN_GAIN_OF_SECOND if len(names) > 1 else 0.0)
 
 
-def _extended(
-    likelihood: MarginalLikelihood,
-    leading: Sequence[FittedHypothesis],
-    singles: Sequence[FittedHypothesis],
-    anew: bool,
-    progress: Progress,
-    workers: int,
-) -> Iterator[FittedHypothesis]:
-    """One effect more: all partners of the best few hypotheses, screened by a linear step, the best ones fitted.
-
-    Where calm water is far off, a partner's values alone say nothing of it: it is tried ``anew`` from all its starts.
-
-    Yields:
-        The best few, fitted.
-    """
-    if not leading:
-        return
-    seen: set[tuple[frozenset[str], tuple[int, int]]] = set()
-    partnered: list[list[FittedHypothesis]] = [[] for _ in singles]
-    for first in leading:
-        for firsts, second in zip(partnered, singles, strict=True):
-            names = frozenset((*first.names, *second.names))
-            if len(names) > len(first.names) and (names, first.best) not in seen and not _same_thing(first, second):
-                seen.add((names, first.best))
-                firsts.append(first)
-
-    def screen(second: FittedHypothesis, firsts: list[FittedHypothesis]) -> list[tuple[float, int, Hypothesis]]:
-        starts, (effect,) = [second.hypothesis, *_elsewhere(second.hypothesis, anew)], second.hypothesis.effects
-        grid = EventGrid(likelihood, effect) if effect.timed and firsts else None
-        return [
-            (likelihood.pair_evidence(first.hypothesis, partner, *first.best), k, partner)
-            for k, first in enumerate(firsts)
-            for partner in (starts if grid is None else _restarts(grid, first, second.hypothesis))
-        ]
-
-    # By partners: what of one is whitened serves all that it is tried beside.
-    found = shared_out([partial(screen, *both) for both in zip(singles, partnered, strict=True)], workers)
-    screened = [
-        (score, firsts[k], firsts[k].hypothesis.joined(partner))
-        for firsts, scores in zip(partnered, found, strict=True)
-        for score, k, partner in scores
-    ]
-    # Those beside published coefficients and those beside worse ones each for themselves: before it is fitted, the
-    # right partner explains less at published ones than any does where coefficients may be anything.
-    finalists: dict[bool, dict[frozenset[str], tuple[FittedHypothesis, Hypothesis]]] = {}
-    for _, first, both in sorted(screened, key=lambda t: -t[0]):
-        finalists.setdefault(first.best[1] > PUBLISHED_SD_LEVEL, {}).setdefault(frozenset(both.names), (first, both))
-    chosen = [pair for pairs in finalists.values() for pair in list(pairs.values())[:MAX_BUILT_UPON]]
-    for pair in shared_out([partial(refine, likelihood, both, *first.best) for first, both in chosen], workers):
-        progress(" + ".join(pair.names))
-        yield pair
-
-
-def _restarts(grid: EventGrid, first: FittedHypothesis, alone: Hypothesis) -> list[Hypothesis]:
-    """When an event may act beside another effect: as alone, or when that one leaves it."""
-    events = grid.best_windows(*first.best, first.hypothesis)
-    return [alone, *(replace(alone, values=(values,)) for values in events)]
-
-
-def _elsewhere(alone: Hypothesis, anew: bool) -> Iterator[Hypothesis]:
-    """An effect with a direction from four sides, its sizes at their starts; another, if asked for, from all starts."""
-    (effect,), values = alone.effects, alone.values[0].copy()
-    if any(p.period for p in effect.declared):
-        yield from from_four_sides(alone)
-        return
-    sizes = sizes_of(effect)
-    for start in product(*(effect.declared[j].starts for j in sizes)) if anew else ():
-        values[:, sizes] = start
-        yield replace(alone, values=(values.copy(),))
-
-
 def _with_other_forms(
     likelihood: MarginalLikelihood, fitted: Sequence[FittedHypothesis], effects: Sequence[Effect], workers: int = 1
 ) -> list[FittedHypothesis]:
@@ -392,9 +331,3 @@ def _best_of_each(fitted: Sequence[FittedHypothesis]) -> list[FittedHypothesis]:
     for j in sorted(fitted, key=lambda j: -j.evidence):
         of_each.setdefault(frozenset(j.names), j)
     return list(of_each.values())
-
-
-def _same_thing(first: FittedHypothesis, second: FittedHypothesis) -> bool:
-    """Whether two different effects of both are one thing in two forms: winds are one wind, however it blows."""
-    effects = {e.name: e.exclusive for j in (first, second) for e in j.hypothesis.effects if e.exclusive}
-    return len(effects) > len(set(effects.values()))

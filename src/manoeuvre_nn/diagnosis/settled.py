@@ -40,10 +40,11 @@ from manoeuvre_nn.estimation.relinearise import beside
 def searched(
     data_set: WhitenedDataSet, effects: Sequence[Effect], progress: Progress = lambda _: None, workers: int = 1
 ) -> SearchResult:
-    """Search, weigh with any prior of the coefficients, settle; where the leading hypothesis needs a ship with other coefficients, without such ships too.
+    """Search, weigh, settle; where the leading hypothesis needs a ship with other coefficients, without such ships too.
 
     Coefficients that may be anything take up the greater part of several strong effects, so that the search follows
-    none of them. With those as they usually are it does; what it finds so is weighed with any coefficients.
+    none of them. With those as they usually are it does, beginning with what led, too; what it finds so is weighed with
+    any coefficients.
 
     Args:
         data_set: The fitted runs.
@@ -55,11 +56,12 @@ def searched(
         The one of both in which the leading hypothesis is likelier, base rates counted.
     """
     found = settled(by_any_coefficient_prior(search(data_set, effects, progress, workers)), workers)
-    if is_fitted(data_set.dynamics) or _leading(found)[1].best[1] < USUAL_LEVELS:
+    leading = _leading(found)[1]
+    if is_fitted(data_set.dynamics) or leading.best[1] < USUAL_LEVELS:
         return found
     progress("all again with coefficients as usual")
     prior = data_set.coefficient_prior._replace(usual=True)
-    usual = settled(search(data_set.with_prior(prior), effects, progress, workers), workers)
+    usual = settled(search(data_set.with_prior(prior), effects, progress, workers, leading), workers)
     again = by_any_coefficient_prior(_with_any_coefficients(usual))
     return again if _leading(again)[0] > _leading(found)[0] else found
 
@@ -99,9 +101,9 @@ def _of_any_coefficients(data_set: WhitenedDataSet) -> WhitenedDataSet:
 def settled(result: SearchResult, workers: int = 1) -> SearchResult:
     """The search with the hypotheses that are still in the race linearised about their own states until these rest.
 
-    They are those within :data:`MAX_DEFICIT_IN_RACE` of the best, base rates counted, and of several effects the best with one of them
-    less: what the last one adds about common states it need not add about its own, nor beside the same without it
-    about these. Where these lose, the next best come in their place. One effect alone is in no race. All were
+    They are those within :data:`MAX_DEFICIT_IN_RACE` of the best, base rates counted, and of several effects the best
+    with one of them less: what the last one adds about common states it need not add about its own, nor beside the
+    same without it about these. Where these lose, the next best come in their place. One effect alone is in no race. All were
     linearised about the same states before; what is never in the race loses what the best loses.
 
     Args:
@@ -147,7 +149,10 @@ def _rested(
     def weighed(j: FittedHypothesis) -> FittedHypothesis:
         if calm_gain is None:
             return j
-        return replace(j, evidence=j.evidence + gain_by_coefficient_priors(beside(likelihood, j.hypothesis).data_set, j) - calm_gain)
+        return replace(
+            j,
+            evidence=j.evidence + gain_by_coefficient_priors(beside(likelihood, j.hypothesis).data_set, j) - calm_gain,
+        )
 
     others = [refine(beside(likelihood, p.hypothesis), p.hypothesis, *p.best) for p in parts]
     return weighed(found), [weighed(j) for j in others]
