@@ -166,7 +166,8 @@ def proved(
         monkeypatch.setattr(proving, name, made)
     failed = {claims[0].names: [Check(name, False, "") for name in poor if name not in (REPAIRED_SAILS, MORE)]}
     monkeypatch.setattr(proving.checking, "checks", lambda _, j: failed.get(j.names, []))
-    monkeypatch.setattr(proving.checking, "may_be_nothing", lambda j, effect, confidence=0.0: confidence > 0 and unsure)
+    monkeypatch.setattr(proving.checking, "may_be_nothing", lambda j, effect: len(j.names) == 1 and unsure)
+    monkeypatch.setattr(proving.checking, "chance_of_nothing", lambda j, effect: 0.0)
     monkeypatch.setattr(proving.checking, "more_is_left", lambda _, j: MORE in poor and j.names == claims[0].names)
     asked = asked or Mock(workers=1, put_to_proof={}, held_out_evidence={}, case=Mock(held_out=[1], fitted=[1]))
     tried = SimpleNamespace(likelihood=Mock(), none=none)
@@ -180,8 +181,7 @@ def test_of_several_effects_one_that_may_be_nothing_is_left_out(monkeypatch, nam
     """What is alone is judged by its evidence, and asked for more."""
     of_all = proved(monkeypatch, [fit(150.0, *names)], {names: 30.0}, {})[0]
     assert of_all.names == names
-    two_errors = lambda j, effect, confidence=0.0: effect == nothing and not confidence  # noqa: E731
-    monkeypatch.setattr(proving.checking, "may_be_nothing", two_errors)
+    monkeypatch.setattr(proving.checking, "may_be_nothing", lambda j, effect: effect == nothing and len(j.names) > 1)
     monkeypatch.setattr(proving, "MarginalLikelihood", lambda known: None)
     monkeypatch.setattr(Hypothesis, "without", lambda h, number: number)
 
@@ -200,17 +200,33 @@ def test_of_several_effects_one_that_may_be_nothing_is_left_out(monkeypatch, nam
     assert proving._proved(asked, tried, [claim])[0].names == left
 
 
+def test_of_several_effects_the_one_that_is_least_clear_is_left_out(monkeypatch):
+    """Both may be nothing: without one the other may be clear."""
+    asked = proved(monkeypatch, [fit(150.0, *TWO)], {TWO: 30.0}, {})[0]
+    chances, left = {0: 0.01, 1: 0.2}, []
+    monkeypatch.setattr(proving.checking, "may_be_nothing", lambda j, effect: len(j.names) > 1)
+    monkeypatch.setattr(proving.checking, "chance_of_nothing", lambda j, effect: chances[effect])
+    monkeypatch.setattr(proving, "MarginalLikelihood", lambda known: None)
+    monkeypatch.setattr(Hypothesis, "without", lambda h, number: left.append(number))
+    rest = SimpleNamespace(**{**vars(fit(140.0, "current")), "hypothesis": asked.hypothesis})
+    monkeypatch.setattr(proving, "refine", lambda *_: rest)
+    claim = fit(150.0, *TWO)
+    claim.hypothesis = asked.hypothesis
+    proving._as_put_to_proof(Mock(case=Mock(fitted=[1])), SimpleNamespace(likelihood=Mock()), claim)
+    assert left == [1]
+
+
 SIZED = [  # effect, offsets of its numbers in standard errors -> whether it may be nothing
-    (RudderOffset(SHIP), (1.9,), True), (RudderOffset(SHIP), (-2.1,), False),
-    (LogScale(SHIP), (1.9,), True), (LogScale(SHIP), (-2.1,), False),  # about 1
-    (LeverArm(SHIP), (2.1, 1.2), True), (LeverArm(SHIP), (2.1, 1.5), False),  # chi-square of two numbers: 6.2
-    (Current(SHIP), (1.9, 90.0), True), (Current(SHIP), (2.1, 90.0), False),  # a direction is no size
+    (RudderOffset(SHIP), (3.5,), True), (RudderOffset(SHIP), (-3.6,), False),
+    (LogScale(SHIP), (3.5,), True), (LogScale(SHIP), (-3.6,), False),  # about 1
+    (LeverArm(SHIP), (3.5, 1.8), True), (LeverArm(SHIP), (3.5, 1.9), False),  # chi-square of two numbers: 15.65
+    (Current(SHIP), (3.5, 90.0), True), (Current(SHIP), (3.6, 90.0), False),  # a direction is no size
     (ShallowWater(SHIP), (0.1,), False), (GustyWind(SHIP), (0.1, 90.0), False),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize("effect, off, nothing", SIZED)
-def test_an_effect_may_be_nothing_within_two_standard_errors_of_its_sizes(effect, off, nothing):
+def test_an_effect_may_be_nothing_within_three_and_a_half_standard_errors_of_its_sizes(effect, off, nothing):
     """The second of two, the errors of the first being large."""
     first, errors = RateBias(SHIP), np.full(len(off), 0.2)
     own = [p for p in effect.declared if not (p.form or p.random)]
@@ -224,11 +240,12 @@ def test_an_effect_may_be_nothing_within_two_standard_errors_of_its_sizes(effect
 
 
 @pytest.mark.parametrize("off, nothing", [(3.5, True), (-3.6, False)])
-def test_alone_an_effect_may_be_nothing_within_three_and_a_half_standard_errors(off, nothing):
-    """One of 25 in 1 % of clean cases: two tails of .0002."""
+def test_one_of_25_may_be_so_large_by_chance_in_one_case_of_a_hundred(off, nothing):
+    """Two tails of .0002."""
     h = Hypothesis((RudderOffset(SHIP),), (np.array([[0.2 * off]]),))
     fitted = FittedHypothesis(h, 9.0, np.zeros((1, 1)), np.diag([0.04]))
-    assert checking.may_be_nothing(fitted, 0, checking.ALONE_CONFIDENCE) is nothing
+    assert checking.may_be_nothing(fitted, 0) is nothing
+    assert checking.chance_of_nothing(fitted, 0) == approx(2 * norm.sf(abs(off)))
     assert 2 * 25 * norm.sf(3.54) == approx(0.01, rel=0.02)
 
 

@@ -9,7 +9,7 @@ from searches import fitted as by_hand
 from trials import SHIP, values
 
 from manoeuvre_nn.core.effect import Effect
-from manoeuvre_nn.diagnosis import fits
+from manoeuvre_nn.diagnosis import fits, partners
 from manoeuvre_nn.diagnosis import search as under_test
 from manoeuvre_nn.diagnosis.fits import PUBLISHED_SD_LEVEL, single
 from manoeuvre_nn.diagnosis.search import search
@@ -60,7 +60,7 @@ def searched(
         built_upon.append([j.names for j in leading])
         return [j for j in more if any(len(j.names) == len(first.names) + 1 for first in leading)]
 
-    monkeypatch.setattr(under_test, "_extended", extended)
+    monkeypatch.setattr(under_test, "extended", extended)
     monkeypatch.setattr(under_test, "fitted_gusts", gusts)
     search(kept, EFFECTS)
     return about, windy, built_upon
@@ -101,12 +101,12 @@ def test_the_right_partner_is_fitted_beside_published_coefficients_though_any_ex
 
     fitted = []
     monkeypatch.setattr(
-        under_test, "refine", lambda likelihood, h, level, scatter: fitted.append((h, scatter)) or alone(EFFECTS[0], 0)
+        partners, "refine", lambda likelihood, h, level, scatter: fitted.append((h, scatter)) or alone(EFFECTS[0], 0)
     )
     kinds = (Current, SteadyWind, ShallowWater, LeverArm, RateBias, HeadingBias)
     singles = [alone(kind(SHIP), 5) for kind in kinds] + [alone(RudderBacklash(SHIP, width_deg=0.0), 5)]
     leading = [alone(LogScale(SHIP), scatter) for scatter in (5, PUBLISHED_SD_LEVEL)]
-    list(under_test._extended(SimpleNamespace(pair_evidence=explained), leading, singles, anew, lambda _: None, 1))
+    list(partners.extended(SimpleNamespace(pair_evidence=explained), leading, singles, anew, lambda _: None, 1))
     assert [scatter for _, scatter in fitted] == 5 * [5] + 5 * [PUBLISHED_SD_LEVEL]
     assert [h.values[1][0, 0] for h, _ in fitted[5:] if h.names[1] == "rudder_backlash"] == plays
 

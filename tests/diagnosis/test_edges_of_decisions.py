@@ -9,7 +9,7 @@ from pytest import approx
 from searches import fitted, found
 from trials import SHIP, values
 
-from manoeuvre_nn.diagnosis import checks
+from manoeuvre_nn.diagnosis import checks, partners
 from manoeuvre_nn.diagnosis import claims as proving
 from manoeuvre_nn.diagnosis import decision as deciding
 from manoeuvre_nn.diagnosis import search as searching
@@ -59,7 +59,8 @@ def test_where_nothing_unknown_leads_held_out_runs_settle_nothing():
 @pytest.mark.parametrize("unmodelled, gains", [(6.9, 0.0), (7.1, 40.0 - np.log(2))])
 def test_whether_a_receiver_wanders_is_not_asked_where_calm_water_is_likeliest_anyway(monkeypatch, unmodelled, gains):
     monkeypatch.setattr(deciding, "receiver_wander", lambda there, j: ReceiverWander(1.0, 60.0, 40.0))
-    assert deciding._by_usual_receiver(found(), None, unmodelled)[0] == approx(gains)
+    monkeypatch.setattr(deciding, "unknown_by_receiver", lambda there, none: -np.inf)
+    assert deciding._by_usual_receiver(found(), None, unmodelled) == (approx(gains), 0.0, False)
 
 
 @pytest.mark.parametrize("chance, passed", [(0.96e-3, False), (1.04e-3, True)])
@@ -89,7 +90,7 @@ def test_without_effects_there_is_nothing_to_exchange():
 def test_a_partner_with_a_direction_is_tried_from_four_sides_and_another_from_its_starts_if_it_is_tried_anew(anew):
     def tried(effect) -> list[list[float]]:
         alone = Hypothesis((effect,), (values(effect, 2),))
-        return [h.values[0].tolist() for h in searching._elsewhere(alone, anew)]
+        return [h.values[0].tolist() for h in partners._elsewhere(alone, anew)]
 
     stream, play, lever = Current(SHIP, speed=0.7), RudderBacklash(SHIP), LeverArm(SHIP)
     (speed,) = [p.starts[0] for p in stream.declared if not p.period]

@@ -1,5 +1,7 @@
 """A ship with other coefficients leads: the search is made again with those as they usually are."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pytest import approx
@@ -33,17 +35,45 @@ def searched(monkeypatch):
     def run(whole: SearchResult, usual: SearchResult | None = None, of_fit: bool = False) -> tuple[SearchResult, list]:
         asked = []
 
-        def search(data_set, effects, progress, workers):
+        def search(data_set, effects, progress, workers, known=None):
             asked.append(data_set.coefficient_prior)
+            assert (known is not None) == data_set.coefficient_prior.usual
             return usual if data_set.coefficient_prior.usual else whole
 
         monkeypatch.setattr(under_test, "search", search)
         monkeypatch.setattr(under_test, "settled", lambda result, workers: result)
         monkeypatch.setattr(under_test, "_with_any_coefficients", lambda result: result)
+        monkeypatch.setattr(under_test, "by_any_coefficient_prior", lambda result: result)
         monkeypatch.setattr(under_test, "is_fitted", lambda dynamics: of_fit)
         return under_test.searched(stand("nothing"), []), [prior.usual for prior in asked]
 
     return run
+
+
+def test_hypotheses_are_weighed_with_any_coefficients_before_they_settle(monkeypatch):
+    """What led by a linearisation about other states lost nothing where it was weighed after the others had rested."""
+    done, end = [], found(fitted(20.0, "current", best=OTHER_SHIP))
+    steps = {
+        "search": lambda data_set, *_: end,
+        "by_any_coefficient_prior": lambda result: result,
+        "settled": lambda result, workers: result,
+        "_with_any_coefficients": lambda result: result,
+    }
+    for name, step in steps.items():
+        noted = lambda *given, name=name, step=step: (done.append(name), step(*given))[1]  # noqa: E731
+        monkeypatch.setattr(under_test, name, noted)
+    monkeypatch.setattr(under_test, "is_fitted", lambda dynamics: False)
+    under_test.searched(stand("nothing"), [])
+    first, again = ["search", "by_any_coefficient_prior", "settled"], ["search", "settled", "_with_any_coefficients"]
+    assert done == [*first, *again, "by_any_coefficient_prior"]
+
+
+@pytest.mark.parametrize("calm_gain, better", [(4.0, True), (2.0, False)])
+def test_two_searches_are_compared_by_evidence_with_any_prior_of_coefficients(searched, calm_gain, better):
+    """All of a search is weighed by what it gains beyond calm water: that is another number in each."""
+    whole = replace(found(fitted(20.0, "current", best=OTHER_SHIP)), calm_gain=3.0)
+    other = replace(found(fitted(20.0, "current", best=THIS_SHIP)), calm_gain=calm_gain)
+    assert searched(whole, other)[0] is (other if better else whole)
 
 
 def test_coefficients_as_usual_need_one_search(searched):

@@ -1,6 +1,7 @@
 """Which hypotheses are linearised about their own states before a decision, and what others are about these."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import pytest
 from searches import EFFECTS, fitted, found
@@ -27,7 +28,7 @@ def test_hypotheses_close_behind_the_best_are_linearised_about_their_own_states(
     made = [fitted(g - 3.0, name) for g, name in zip(gains, EFFECTS, strict=False)]
     seen = []
 
-    def rested(data_set, j, parts):
+    def rested(data_set, j, parts, calm):
         seen.append(j)
         assert not parts
         return replace(j, evidence=30.0 - j.evidence), []
@@ -42,24 +43,54 @@ def test_hypotheses_close_behind_the_best_are_linearised_about_their_own_states(
 PAIR, PART, OTHER = ("current", "log_scale"), ("log_scale",), ("rudder_offset",)
 
 
+@pytest.mark.parametrize("behind, raced", [(6.8, True), (7.2, False)])
+def test_base_rates_count_in_the_race(monkeypatch, behind, raced):
+    """Five behind by weight: a pair of four effects is ln 7.95 = 2.07 less likely than one effect before all runs."""
+    seen = []
+
+    def rested(data_set, j, parts, calm):
+        seen.append(j.names)
+        return j, list(parts)
+
+    monkeypatch.setattr(under_test, "_rested", rested)
+    rest = [fitted(0.0, "current"), fitted(0.0, "log_scale"), fitted(0.0, "heading_bias")]
+    settled(found(fitted(20.0, *PAIR), fitted(20.0 - behind, *OTHER), *rest, none=-9.0))
+    assert (OTHER in seen) is raced and PAIR in seen
+
+
+def test_what_has_rested_is_weighed_as_the_search_is(monkeypatch):
+    """It gains what it gains beyond calm water with any prior of coefficients, and so do its parts."""
+    gains = {PAIR: 3.0, PART: -1.0}
+    there = SimpleNamespace(data_set="its own states")
+    monkeypatch.setattr(under_test, "at_rest", lambda data_set, j: ("there", j))
+    monkeypatch.setattr(under_test, "MarginalLikelihood", lambda data_set: there)
+    monkeypatch.setattr(under_test, "beside", lambda likelihood, h: likelihood)
+    monkeypatch.setattr(under_test, "refine", lambda likelihood, h, *best: fitted(9.0, *h.names))
+    monkeypatch.setattr(under_test, "gain_by_coefficient_priors", lambda data_set, j: gains[j.names])
+    both, part = fitted(20.0, *PAIR), fitted(1.0, *PART)
+    for calm, expected in ((0.5, (22.5, 7.5)), (None, (20.0, 9.0))):
+        whole, (fewer,) = under_test._rested(None, both, [part], calm)
+        assert (whole.evidence, fewer.evidence) == expected
+
+
 @pytest.mark.parametrize("rest, of_pair, raced, other", [
-    ({PAIR: 1.0, PART: 11.0}, 0.0, [PAIR, PART], 19.5 - 24.0),
+    ({PAIR: 1.0, PART: 11.0}, 0.0, [PAIR, PART], 17.5 - 24.0),
     # Without the pair another one is close behind the best.
     ({PAIR: 24.0, PART: 22.0, OTHER: 20.0}, 0.0, [PAIR, PART, OTHER], 20.0),
-    ({PAIR: 40.0, PART: 11.0}, 0.0, [PAIR, PART], 19.5),  # what the best gains others do not
-    ({PAIR: 40.0, PART: 11.0}, 39.0, [PAIR, PART], 19.5),  # about the pair's states its part explains as much
+    ({PAIR: 40.0, PART: 11.0}, 0.0, [PAIR, PART], 17.5),  # what the best gains others do not
+    ({PAIR: 40.0, PART: 11.0}, 39.0, [PAIR, PART], 17.5),  # about the pair's states its part explains as much
 ])  # fmt: skip
 def test_what_the_last_of_two_effects_adds_is_told_about_the_states_of_each(monkeypatch, rest, of_pair, raced, other):
     """About common states a pair adds 15 to its best part, about those of each less than 6."""
     seen = []
 
-    def rested(data_set, j, parts):
+    def rested(data_set, j, parts, calm):
         seen.append(j.names)
         assert [part.names for part in parts] == ([PART] if j.names == PAIR else [])
         return replace(j, evidence=rest[j.names]), [replace(part, evidence=of_pair) for part in parts]
 
     monkeypatch.setattr(under_test, "_rested", rested)
-    made = [fitted(25.0, *PAIR), fitted(19.5, *OTHER), fitted(10.0, *PART), fitted(9.0, "current")]
+    made = [fitted(25.0, *PAIR), fitted(17.5, *OTHER), fitted(10.0, *PART), fitted(9.0, "current")]
     after = settled(found(*made, none=-9.0)).fitted
     assert seen == raced and after[0].names == max(rest, key=lambda names: rest[names])
     assert {j.names: j.evidence for j in after} == {
@@ -75,7 +106,7 @@ def test_where_the_best_lose_much_what_is_left_far_behind_is_looked_at_before_it
     monkeypatch, gain, looked_at
 ):
     rest = {("current",): 12.0, PART: 10.0, OTHER: 15.0}
-    monkeypatch.setattr(under_test, "_rested", lambda data_set, j, parts: (replace(j, evidence=rest[j.names]), []))
+    monkeypatch.setattr(under_test, "_rested", lambda data_set, j, parts, _: (replace(j, evidence=rest[j.names]), []))
     after = settled(found(fitted(30.0, "current"), fitted(27.0, *PART), fitted(gain, *OTHER), none=-9.0)).fitted
     assert {j.names: j.evidence for j in after} == rest | ({} if looked_at else {OTHER: gain - 18.0})
 
@@ -84,7 +115,7 @@ def test_a_pair_that_has_rested_does_so_again_for_a_part_that_comes_later(monkey
     """The better part falls about its own states and the pair's: the other one is next."""
     seen, of_part = [], {PART: 5.0, ("current",): 12.0}
 
-    def rested(data_set, j, parts):
+    def rested(data_set, j, parts, calm):
         seen.append((j.names, [part.names for part in parts]))
         return replace(j, evidence=25.0 if j.names == PAIR else 5.0), [
             replace(p, evidence=of_part[p.names]) for p in parts
@@ -109,7 +140,7 @@ def test_an_event_at_the_end_of_what_is_possible_is_not_asked(lever, asked):
 def test_a_part_that_has_rested_is_fitted_about_the_states_of_a_pair_that_comes_later(monkeypatch):
     late, seen = ("rudder_offset", "log_scale"), []
 
-    def rested(data_set, j, parts):
+    def rested(data_set, j, parts, calm):
         seen.append((j.names, [part.names for part in parts]))
         return replace(j, evidence=13.0 if j.names == OTHER else 20.5), [replace(p, evidence=18.0) for p in parts]
 

@@ -70,7 +70,8 @@ def test_calm_water_and_one_effect_are_likelier_than_several_and_than_something_
 def decided(monkeypatch):
     """Decides on log Bayes factors over calm water, those of something unknown and of its formula among them."""
 
-    def run(gains: dict, unmodelled=-9.0, rule=None, lacked=None, wandering=(-np.inf,) * 2, loose=-9.0) -> Decision:
+    def run(gains: dict, unmodelled=-9.0, rule=None, lacked=None, wandering=(-np.inf,) * 2, loose=-9.0,
+            seen_unknown=-np.inf) -> Decision:  # fmt: skip
         calm, named = wandering  # seen by a receiver that wanders: calm water, and the best hypothesis with a name
         monkeypatch.setattr(under_test, "beside", lambda likelihood, hypothesis: likelihood)
         monkeypatch.setattr(under_test, "gain_by_coefficient_priors", lambda data_set, j: 0.0)
@@ -80,6 +81,7 @@ def decided(monkeypatch):
         monkeypatch.setattr(under_test, "unknown_evidence", told)
         wanders = lambda there, j: ReceiverWander(1.0, 60.0, (named if j.names else calm) - 3.0)  # noqa: E731
         monkeypatch.setattr(under_test, "receiver_wander", wanders)
+        monkeypatch.setattr(under_test, "unknown_by_receiver", lambda there, none: seen_unknown - 3.0)
         monkeypatch.setattr(under_test, "is_fitted", lambda dynamics: lacked is not None)
         made = sorted((fitted(g - 3.0, *n.split(" + ")) for n, g in gains.items()), key=lambda j: -j.evidence)
         result = found(*made, levels=[(0.001, lacked or 0.0)], none=-3.0)
@@ -99,6 +101,15 @@ def test_a_receiver_that_wanders_is_calm_water_before_anything_is_unknown(decide
         found_there = decided({"current": 30.0}, unmodelled=20.0, wandering=(40.0, named))
         assert found_there.named == stays and not found_there.strange, "if the name is refuted, nothing is unknown"
     assert decided({"current": 50.0}, unmodelled=20.0, wandering=(40.0, 0.0)).named, "likelier even without"
+
+
+def test_something_unknown_is_seen_by_a_receiver_that_wanders_as_often_as_calm_water(decided):
+    """Half of it: what calm water gains by that, it gains too, and then leads a name that gains less."""
+    how = {"unmodelled": 20.0, "wandering": (40.0, 50.0)}
+    without, with_it = (decided({"current": 30.0}, seen_unknown=seen, **how) for seen in (-np.inf, 80.0))
+    assert without.named and not without.strange and without.unknown < 0.01
+    assert with_it.strange and with_it.unknown > 0.99 and with_it.unmodelled == approx(80.0 - 40.0)
+    assert not decided({}, seen_unknown=46.0, unmodelled=20.0, wandering=(40.0, 0.0)).strange, "less than 7 more"
 
 
 def test_calm_water_keeps_six_of_ten_if_it_is_likeliest_and_no_more_than_four_if_something_unknown_acts(decided):

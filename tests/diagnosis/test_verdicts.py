@@ -55,6 +55,7 @@ def decided(monkeypatch):
         monkeypatch.setattr(under_test, "random_force", lambda *_: None)
         monkeypatch.setattr(under_test, "unknown_evidence", lambda *_: CALM_EVIDENCE + unknown)
         monkeypatch.setattr(under_test, "receiver_wander", lambda *_: ReceiverWander(0.0, 1.0, -np.inf))
+        monkeypatch.setattr(under_test, "unknown_by_receiver", lambda *_: -np.inf)
         made = [judged(CALM_EVIDENCE + f, *key.split(" + ")) for key, f in factors.items()]
         made.sort(key=lambda j: -j.evidence)
         likelihood = object.__new__(MarginalLikelihood)

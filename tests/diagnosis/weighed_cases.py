@@ -132,6 +132,7 @@ def decision_of(case: dict) -> Decision:
         patch.object(decision, "random_force", lambda there, none: None),
         patch.object(decision, "unknown_evidence", lambda *_: case["unknown"]),
         patch.object(decision, "receiver_wander", lambda there, none: ReceiverWander(0.0, 1.0, -np.inf)),
+        patch.object(decision, "unknown_by_receiver", lambda there, none: -np.inf),
     ):
         return decision.decide(result)
 

@@ -103,8 +103,8 @@ def settled(result: SearchResult, workers: int = 1) -> SearchResult:
 
     They are those within :data:`MAX_DEFICIT_IN_RACE` of the best, base rates counted, and of several effects the best
     with one of them less: what the last one adds about common states it need not add about its own, nor beside the
-    same without it about these. Where these lose, the next best come in their place. One effect alone is in no race. All were
-    linearised about the same states before; what is never in the race loses what the best loses.
+    same without it about these. Where these lose, the next best come in their place. One effect alone is in no race.
+    All were linearised about the same states before; what is never in the race loses what the best loses.
 
     Args:
         result: Of the search.
