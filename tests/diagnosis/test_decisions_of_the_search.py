@@ -20,6 +20,7 @@ from manoeuvre_nn.effect.rudder import RudderBacklash
 from manoeuvre_nn.effect.sensors import HeadingBias, LeverArm, LogScale, RateBias
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import USUAL_LEVELS
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
@@ -32,7 +33,7 @@ def fit(evidence: float, *names: str) -> SimpleNamespace:
 
 
 def searched(
-    monkeypatch, alone: dict[str, float], more: list[SimpleNamespace], published: tuple[str, ...] = ()
+    monkeypatch, alone: dict[str, float], more: list[SimpleNamespace], published: tuple[str, ...] = (), known=None
 ) -> tuple[list, list, list]:
     """About what a search linearises again, for what it tries gusts, what it builds upon: fits leave this evidence."""
     calm, about, windy, built_upon = fit(0.0), [], [], []
@@ -62,7 +63,7 @@ def searched(
 
     monkeypatch.setattr(under_test, "extended", extended)
     monkeypatch.setattr(under_test, "fitted_gusts", gusts)
-    search(kept, EFFECTS)
+    search(kept, EFFECTS, known=known)
     return about, windy, built_upon
 
 
@@ -144,6 +145,21 @@ def test_effects_are_combined_that_alone_gain_three_and_none_has_more_than_three
 def test_pairs_are_built_upon_effects_that_do_well_with_published_coefficients_too(monkeypatch):
     _, _, leading = searched(monkeypatch, {"current": 40.0}, [], published=("rudder_offset",))
     assert leading[0] == [("current",), ("rudder_offset",)]
+
+
+@pytest.mark.parametrize("scatter, begun_at", [(5, USUAL_LEVELS - 1), (2, 2)])
+@pytest.mark.parametrize("known, place", [(("rudder_offset",), 1), (("current", "rudder_offset"), 2)])
+def test_what_led_among_any_coefficients_is_built_upon_by_itself_among_usual_ones(
+    monkeypatch, known, place, scatter, begun_at
+):
+    """A slow rudder beside another displacement: with usual coefficients the one alone does worse than others do."""
+    begun = []
+    monkeypatch.setattr(under_test, "refine", lambda there, h, *best: begun.append(best) or fit(-30.0, *known))
+    led = SimpleNamespace(**{**vars(fit(90.0, *known)), "best": (4, scatter)})
+    more = [fit(80.0, "current", "log_scale")]
+    _, _, leading = searched(monkeypatch, {"current": 40.0}, more, known=led)
+    assert leading.pop(place) == [known] and begun == [(4, begun_at)]
+    assert leading[:2] == [[("current",)], [("current", "log_scale")]], "beside the others, each for themselves"
 
 
 @pytest.mark.parametrize("gain, fits_made", [(11.5, 1), (12.5, 2)])
