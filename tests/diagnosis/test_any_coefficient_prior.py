@@ -197,7 +197,7 @@ def test_the_decision_is_made_on_what_all_priors_say(monkeypatch):
     monkeypatch.setattr(decision, "gain_by_coefficient_priors", lambda data_set, j: 4.0)
     monkeypatch.setattr(decision, "random_force", lambda there, none: None)
     monkeypatch.setattr(decision, "unknown_evidence", lambda there, none, f, calm, _: order.append((f, calm)) or 20.0)
-    monkeypatch.setattr(decision, "_by_usual_receiver", lambda *_: (0.0, 0.0, False))
+    monkeypatch.setattr(decision, "_by_usual_receiver", lambda *_: (0.0, 0.0))
     result = replace(found(levels=[(0.001, 0.0)]), calm_gain=-0.75)
     result.likelihood.data_set.dynamics = CALM  # type: ignore[assignment]
     assert decide(result).formula.evidence == 1.0 + 4.0 + 0.75

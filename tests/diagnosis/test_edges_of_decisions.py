@@ -60,7 +60,7 @@ def test_where_nothing_unknown_leads_held_out_runs_settle_nothing():
 def test_whether_a_receiver_wanders_is_not_asked_where_calm_water_is_likeliest_anyway(monkeypatch, unmodelled, gains):
     monkeypatch.setattr(deciding, "receiver_wander", lambda there, j: ReceiverWander(1.0, 60.0, 40.0))
     monkeypatch.setattr(deciding, "unknown_by_receiver", lambda there, none: -np.inf)
-    assert deciding._by_usual_receiver(found(), None, unmodelled) == (approx(gains), 0.0, False)
+    assert deciding._by_usual_receiver(found(), None, unmodelled) == (approx(gains), 0.0)
 
 
 @pytest.mark.parametrize("chance, passed", [(0.96e-3, False), (1.04e-3, True)])

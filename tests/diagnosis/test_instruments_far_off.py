@@ -61,7 +61,7 @@ def test_the_formula_is_that_of_the_smoothed_states_where_it_is_clearly_likelier
     )
     monkeypatch.setattr(decision, "random_force", lambda *_: None)
     monkeypatch.setattr(decision, "unknown_evidence", lambda *_: 20.0)
-    monkeypatch.setattr(decision, "_by_usual_receiver", lambda *_: (0.0, 0.0, False))
+    monkeypatch.setattr(decision, "_by_usual_receiver", lambda *_: (0.0, 0.0))
     result = replace(found(), smoothed=(smoothed, fitted(-1.0)))
     result.likelihood.data_set.dynamics = CALM
     assert decide(result).formula.names == (chosen,)

@@ -157,7 +157,7 @@ def test_a_part_of_several_effects_is_fitted_about_the_states_of_all_of_them():
     offset, wind = RudderOffset(SHIP, offset_deg=11.0), SteadyWind(SHIP, speed=1.0, from_deg=80.0)
     likelihood = MarginalLikelihood(data_set)
     one, both = (fits.refine(likelihood, hypothesis(*some), 4, 2) for some in ((offset,), (wind, offset)))
-    found, (part,) = settled._rested(data_set, both, [one])
+    found, (part,) = settled._rested(data_set, both, [one], None)
     there, again = at_rest(data_set, both)
     assert found.evidence == approx(again.evidence) and found.names == both.names
     beside_it = fits.refine(MarginalLikelihood(there), one.hypothesis, *one.best)

@@ -106,8 +106,9 @@ def test_a_receiver_that_wanders_is_calm_water_before_anything_is_unknown(decide
 def test_something_unknown_is_seen_by_a_receiver_that_wanders_as_often_as_calm_water(decided):
     """Half of it: what calm water gains by that, it gains too, and then leads a name that gains less."""
     how = {"unmodelled": 20.0, "wandering": (40.0, 50.0)}
-    without, with_it = (decided({"current": 30.0}, seen_unknown=seen, **how) for seen in (-np.inf, 80.0))
+    without, less, with_it = (decided({"current": 30.0}, seen_unknown=seen, **how) for seen in (-np.inf, 48.0, 80.0))
     assert without.named and not without.strange and without.unknown < 0.01
+    assert less.strange and less.named and less.unknown < 0.1, "the name gains by such a receiver, too"
     assert with_it.strange and with_it.unknown > 0.99 and with_it.unmodelled == approx(80.0 - 40.0)
     assert not decided({}, seen_unknown=46.0, unmodelled=20.0, wandering=(40.0, 0.0)).strange, "less than 7 more"
 

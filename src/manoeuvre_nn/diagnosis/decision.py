@@ -183,10 +183,8 @@ def decide(result: SearchResult) -> Decision:
     event = best is not None and not trained and any(e.timed for e in best.hypothesis.effects)
     random = random_force(there, result.none) if event else None
     any_force = unmodelled = unknown_evidence(there, result.none, None if trained else formula, calm, random)
-    more, of_unknown, named_too = _by_usual_receiver(replace(result, likelihood=there), best, unmodelled)
-    unmodelled += of_unknown
-    # Calm water is so much likelier where a receiver wanders; a name that is likelier still stays, and loses nothing.
-    none, unmodelled = (none, unmodelled - more) if named_too else (none + more, unmodelled)
+    of_calm, of_unknown = _by_usual_receiver(replace(result, likelihood=there), best, unmodelled)
+    none, unmodelled = none + of_calm, unmodelled + of_unknown
     result = replace(result, none=replace(result.none, evidence=none))
     log_weight = _log_weights(none, unmodelled, worthy, len(names))
     shares = np.exp(log_weight - log_weight.max())
@@ -273,30 +271,29 @@ def by_any_coefficient_prior(result: SearchResult) -> SearchResult:
     return replace(result, fitted=sorted(weighed, key=lambda j: -j.evidence), calm_gain=calm)
 
 
-def _by_usual_receiver(
-    result: SearchResult, best: FittedHypothesis | None, unmodelled: float
-) -> tuple[float, float, bool]:
+def _by_usual_receiver(result: SearchResult, best: FittedHypothesis | None, unmodelled: float) -> tuple[float, float]:
     """What calm water and something unknown gain if half of either is seen by a receiver that wanders as usual ones do.
 
     Returns:
-        Both gains in log evidence, 0 where calm water has none or is likeliest anyway; and whether the best hypothesis
-        with a name is likelier than calm water with such a receiver all the same, by itself or if it is seen by one,
-        too.
+        Both gains in log evidence, less what the best hypothesis with a name gains if it is seen by one; 0 where calm
+        water has none or is likeliest anyway.
     """
     none, likelihood = result.none, result.likelihood
     named = best is not None and likelier_than_calm_water(result, best)
     if not named and unmodelled < none.evidence + MIN_GAIN_OF_UNKNOWN:
-        return 0.0, 0.0, False
-    wandering = float(np.logaddexp(none.evidence, receiver_wander(likelihood, none).evidence) - np.log(2))
-    if wandering < none.evidence:
-        return 0.0, 0.0, False
-    unknown = float(np.logaddexp(unmodelled, unknown_by_receiver(likelihood, none)) - np.log(2))
-    seen = replace(result, none=replace(none, evidence=wandering))
-    named_too = best is not None and (
-        likelier_than_calm_water(seen, best)
-        or likelier_than_calm_water(seen, replace(best, evidence=receiver_wander(likelihood, best).evidence))
-    )
-    return wandering - none.evidence, max(unknown - unmodelled, 0.0), named_too
+        return 0.0, 0.0
+    calm = _half(none.evidence, receiver_wander(likelihood, none).evidence) - none.evidence
+    if calm < 0:
+        return 0.0, 0.0
+    unknown = max(_half(unmodelled, unknown_by_receiver(likelihood, none)) - unmodelled, 0.0)
+    # The smoother took for noise what no usual receiver has: with less of it all are likelier, the name, too.
+    by_name = 0.0 if best is None else max(receiver_wander(likelihood, best).evidence - best.evidence, 0.0)
+    return calm - by_name, unknown - by_name
+
+
+def _half(one: float, other: float) -> float:
+    """Log evidence of what is half the one, half the other."""
+    return float(np.logaddexp(one, other) - np.log(2))
 
 
 def _log_weights(
