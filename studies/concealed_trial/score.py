@@ -24,7 +24,7 @@ from studies.concealed_trial import true_model
 from studies.concealed_trial.effects import ANGLES, EQUIVALENT, FAMILY, NAMES, UNKNOWN
 from studies.concealed_trial.scoreboard import markdown, scoreboard
 from studies.concealed_trial.ships import TrialShip, trial_ships
-from studies.concealed_trial.stated import claimed, stated_effects
+from studies.concealed_trial.stated import claimed, half_times, stated_effects
 from studies.concealed_trial.strength import STRENGTHS
 from studies.concealed_trial.truth import ConcealedEffect
 
@@ -203,7 +203,7 @@ def _effect_marks(
         places = [effect["equation"], *(effect.get("equation_accepted") or [])]
         marks["place_right"] = _as_set(said["equation"]) in [_as_set(place) for place in places]
     if effect["intervals"] != "all":
-        marks["overlap"] = overlap(effect["intervals"], said["intervals"] if said else {}, manifest)
+        marks["overlap"] = overlap(effect["intervals"], half_times(said)[0] if said else {}, manifest)
     if entry is not None and entry["name"] == effect["name"] and effect["name"] != UNKNOWN:
         marks["parameters"] = [
             parameter_marks(name, float(value), entry["parameters"].get(name))
@@ -336,7 +336,9 @@ def gap(
 
 def _total_of(case_dir: Path, stated: list[ConcealedEffect], ship: TrialShip) -> float:
     """J of the simulator with stated effects; infinite where their values cannot be run."""
-    plain = [{"name": e.name, "parameters": dict(e.parameters), "intervals": e.intervals} for e in stated]
+    plain = [
+        {"name": e.name, "parameters": dict(e.parameters), "intervals": e.intervals, "ramp_s": e.ramp} for e in stated
+    ]
     try:
         errors = _simulated(case_dir, json.dumps(plain))
     except (ArithmeticError, ValueError, TypeError):  # a depth less than the draught, a rate of nothing

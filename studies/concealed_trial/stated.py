@@ -8,6 +8,8 @@ from studies.concealed_trial.effects import KINDS, UNKNOWN, Kind
 from studies.concealed_trial.ships import TrialShip
 from studies.concealed_trial.truth import ConcealedEffect
 
+RAMP = "ramp_s"
+"""What an answer may state of a wind that sets in beside what the format asks for: how long that takes [s]."""
 PRESENT = 0.5
 """An entry is held to be present from this probability on, where the answer does not list its model."""
 
@@ -43,8 +45,27 @@ def stated_effects(answer: Mapping[str, Any], ship: TrialShip) -> list[Concealed
         kind = next((kind for kind in KINDS if kind.name == entry["name"]), None)
         parameters = {} if kind is None else _values(entry, parameter_names(kind, ship))
         if parameters:
-            found.append(ConcealedEffect(entry["name"], parameters, _intervals(entry["intervals"])))
+            intervals, ramp = half_times(entry)
+            found.append(ConcealedEffect(entry["name"], parameters, _intervals(intervals), ramp=ramp))
     return found
+
+
+def half_times(entry: Mapping[str, Any]) -> tuple[Any, float]:
+    """When an effect acts: of one that sets in over a ramp that the answer states, from when half of it is there.
+
+    An answer tells of such an effect from where its ramp begins; the trial's own intervals begin half way up.
+
+    Args:
+        entry: Of an answer.
+
+    Returns:
+        Intervals as they are given, and the ramp [s]; 0 is at once.
+    """
+    kind = next((kind for kind in KINDS if kind.name == entry["name"]), None)
+    ramp, given = _values(entry, [RAMP]).get(RAMP, 0.0), entry["intervals"]
+    if kind is None or kind.confined != "onset" or ramp <= 0 or not isinstance(given, Mapping):
+        return given, 0.0
+    return {run: [[start + 0.5 * ramp, end] for start, end in parts or []] for run, parts in given.items()}, ramp
 
 
 def parameter_names(kind: Kind, ship: TrialShip) -> list[str]:

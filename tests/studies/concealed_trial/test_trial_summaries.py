@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from studies.concealed_trial.effects import KINDS
-from studies.concealed_trial.score import names_right, parameter_marks, places, score_case
+from studies.concealed_trial.score import _effect_marks, names_right, parameter_marks, places, score_case
 from studies.concealed_trial.scoreboard import label_losses, markdown, scoreboard
 from studies.concealed_trial.ships import trial_ships
-from studies.concealed_trial.stated import claimed, parameter_names, stated_effects
+from studies.concealed_trial.stated import claimed, half_times, parameter_names, stated_effects
 from studies.concealed_trial.summaries import bootstrap, parameter_error, place_f1
 from tests.studies.concealed_trial.test_trial_score import EFFECTS, perfect, put, recordings, truth_of
 
@@ -103,6 +103,31 @@ def test_stated_values_that_cannot_be_run_count_as_harm(recordings, tmp_path):
     }
     put(tmp_path, {"verdict": "mismatch", "effects": [shallow]}, recordings / "c_offset", ())
     assert score_case(recordings / "c_offset", tmp_path, truth_of("offset"))["share_stated"] == -1.0
+
+
+def onset(name="wind_onset", **more):
+    values = {"speed": [20.0, 1.0, "m/s"], "from_deg": [30.0, 2.0, "deg"], **more}
+    return {
+        "name": name,
+        "probability": 1.0,
+        "equation": ["X"],
+        "intervals": {"r01": [[100.0, 900.0]], "r02": []},
+        "parameters": values,
+    }
+
+
+def test_a_wind_that_sets_in_over_a_stated_ramp_acts_from_half_way_up_it():
+    """Its interval is told from the foot of the ramp on; a trial's own begins where half of the wind blows."""
+    slow, at_once = onset(ramp_s=[120.0, 9.0, "s"]), onset()
+    assert half_times(slow) == ({"r01": [[160.0, 900.0]], "r02": []}, 120.0)
+    assert half_times(at_once) == (at_once["intervals"], 0.0)
+    assert half_times(onset("side_force", ramp_s=[120.0])) == (at_once["intervals"], 0.0), "it does not set in"
+    (stated,) = stated_effects({"verdict": "mismatch", "effects": [slow]}, SHIP)
+    assert (stated.intervals, stated.ramp) == ({"r01": [[160, 900]], "r02": []}, 120.0)
+    truth = {**effect("wind_onset"), "intervals": {"r01": [[160, 900]]}, "parameters": {"speed": 20.0}}
+    manifest = {"runs": [{"run": name, "duration_s": 900} for name in ("r01", "r02")]}
+    marks = [_effect_marks(truth, [said], manifest) for said in (slow, at_once)]
+    assert [mark["overlap"] for mark in marks] == [1.0, pytest.approx(740 / 800)]
 
 
 def test_an_effect_without_all_its_parameters_states_nothing():
