@@ -287,7 +287,9 @@ def _by_usual_receiver(result: SearchResult, best: FittedHypothesis | None, unmo
         return 0.0, 0.0
     unknown = max(_half(unmodelled, unknown_by_receiver(likelihood, none)) - unmodelled, 0.0)
     # The smoother took for noise what no usual receiver has: with less of it all are likelier, the name, too.
-    by_name = 0.0 if best is None else max(receiver_wander(likelihood, best).evidence - best.evidence, 0.0)
+    if best is None:
+        return calm, unknown
+    by_name = max(receiver_wander(beside(likelihood, best.hypothesis), best).evidence - best.evidence, 0.0)
     return calm - by_name, unknown - by_name
 
 
