@@ -18,13 +18,15 @@ from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.predictive import calm_check, repaired_check, tail
 from manoeuvre_nn.diagnosis.proof import in_held_out_runs
 from manoeuvre_nn.diagnosis.result import RIGHT_SHIP
-from manoeuvre_nn.diagnosis.search import search
+from manoeuvre_nn.diagnosis.search import SearchResult, search
 from manoeuvre_nn.diagnosis.unknown import receiver_wander, unknown_evidence
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.effect.rudder import RudderOffset
 from manoeuvre_nn.effect.sensors import LogScale, PositionConversion
-from manoeuvre_nn.estimation.data_set import whitened_data_set
+from manoeuvre_nn.estimation.data_set import WhitenedDataSet, whitened_data_set
+from manoeuvre_nn.estimation.hypothesis import Hypothesis
+from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.process_noise import drawn_process
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
@@ -156,3 +158,16 @@ def test_a_receiver_that_wanders_as_usual_ones_do_is_nothing_unknown():
         assert loose > tried.none.evidence + MIN_GAIN_OF_UNKNOWN
         assert (wandering > loose + 20) == wanders and (loose > wandering + 20) != wanders
         assert decide(tried).strange != wanders
+
+
+@pytest.mark.parametrize("size, strange", [(6.0, True), (0.0, False)])
+def test_a_force_that_was_taken_for_noise_is_no_receiver_that_wanders(size, strange):
+    """A yaw moment that comes again every 41 s, six times that of 20 deg of rudder, in noise four times too large.
+
+    With less noise calm water is likelier, but so is something unknown.
+    """
+    known = whitened_data_set(CALM, strange_runs(1, *([Stranger(size, "N", periodic(41.0))] if size else []))[:2])
+    wide = [replace(run, noise=4.0 * run.noise) for run in known.whole]
+    likelihood = MarginalLikelihood(WhitenedDataSet(CALM, wide, known.coefficient_prior))
+    tried = SearchResult(likelihood.evaluate(Hypothesis((), ())), [], likelihood)
+    assert decide(tried).strange is strange
