@@ -371,19 +371,6 @@ def test_where_free_runs_stray_what_is_likeliest_and_sails_is_named(monkeypatch,
     assert ("would be enough" in checks[0].text) == named and not checks[1].passed
 
 
-@pytest.mark.parametrize("poor, behind, chosen", [
-    ((), 3.0, "heading_bias"), ((), -3.0, "formula"), ((REPAIRED_SAILS,), 3.0, "formula"),
-])  # fmt: skip
-def test_a_name_that_strays_but_is_likelier_in_all_runs_stays_before_a_formula_that_passes(
-    monkeypatch, poor, behind, chosen
-):
-    """A compass error of a ship that is unstable on course beside a formula of a compass error and a moment."""
-    claims = [fit(120.0, "heading_bias"), fit(120.0 - behind, "formula")]
-    errors = {("heading_bias",): (4.0, 4.0), ("formula",): (1.5, 1.5)}
-    found, _, checks = proved(monkeypatch, claims, dict.fromkeys(errors, 20.0), errors, poor=poor)
-    assert found.names == (chosen,) and checks[0].passed == (chosen == "heading_bias")
-
-
 @pytest.mark.parametrize(
     "formula, error, chosen", [(20.0, 1.4, "formula"), (20.0, 1.6, "side_force"), (-20.0, 1.4, "side_force")]
 )

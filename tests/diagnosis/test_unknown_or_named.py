@@ -40,6 +40,18 @@ def test_a_name_that_the_unknown_leads_is_claimed_where_held_out_runs_make_up_fo
     assert settled.effects["log_scale"] == 0.002
 
 
+@pytest.mark.parametrize("formula, gain, claimed", [
+    (-8.0, 1.5, True), (-8.0, 0.5, False),  # it leads by 9; 8 of that are lost with the formula
+    (-30.0, -5.5, True), (-30.0, -6.5, False),  # without its formula it is 15 less likely
+    (3.0, 12.5, True), (3.0, 11.5, False),
+])  # fmt: skip
+def test_a_lead_by_a_formula_is_what_the_formula_leaves_of_it_in_held_out_runs(formula, gain, claimed):
+    d = Decision(
+        True, True, 0.0, 0.988, {"current": 0.01}, fitted(9.0, "current"), {}, 20.0, [FORMULA], FORMULA, 9.0, 5.0
+    )
+    assert (len(d.with_held_out(gain, formula).claims) == 2) is claimed
+
+
 @pytest.mark.parametrize(
     "right_ship, sails, strange, claims",
     [(True, True, False, ()), (False, True, True, ("formula",)), (True, False, True, ("log_scale", "formula"))],

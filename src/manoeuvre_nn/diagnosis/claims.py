@@ -145,8 +145,7 @@ def _proved(question: Question, tried: SearchResult, claims: Sequence[FittedHypo
         if not why and second_best and error_after(question, second_best[1]) < error_after(question, best.proofs):
             break  # events that do not sail held-out runs are nearer to these than what would take their place
         if not why:
-            # A formula is a last resort: a name that is likelier, in held-out runs too, may only stray further.
-            return (_strayed(question, tried, known.values()) if Formula.name in best.fitted.names else None) or passed
+            return passed
         if why == checking.ANY_FORCE and second_best is None:
             second_best = passed
         key = next(k for k, t in known.items() if t is best)

@@ -89,8 +89,8 @@ class Decision:
     def with_held_out(self, best: float, formula: float = -np.inf) -> "Decision":
         """The same once held-out runs have been weighed, where something unknown leads a hypothesis with a name.
 
-        Nobody foretells a force without a rule: of something unknown held-out runs are as likely as by calm water, or
-        by its formula.
+        Nobody foretells a force without a rule: by something unknown held-out runs are as likely as by calm water, as
+        far as it is its formula as by that.
 
         Args:
             best: Log evidence that the best hypothesis adds to calm water's in the held-out runs.
@@ -99,7 +99,11 @@ class Decision:
         Returns:
             The best hypothesis is the first claim if all runs together make it likelier than something unknown.
         """
-        odds = best - max(0.0, formula) - self.lead
+        there = max(0.0, formula)
+        if self.without_rule < self.unmodelled:
+            by_rule = self.unmodelled + np.log1p(-np.exp(self.without_rule - self.unmodelled))
+            there = float(np.logaddexp(self.without_rule, by_rule + formula)) - self.unmodelled
+        odds = best - there - self.lead
         if self.best is None or self.lead <= 0 or odds <= 0:
             return self
         both = self.unknown + min(self.effects[name] for name in self.best.names)
