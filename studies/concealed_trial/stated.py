@@ -42,7 +42,7 @@ def stated_effects(answer: Mapping[str, Any], ship: TrialShip) -> list[Concealed
     """
     found = []
     for entry in claimed(answer):
-        kind = next((kind for kind in KINDS if kind.name == entry["name"]), None)
+        kind = _kind(entry["name"])
         parameters = {} if kind is None else _values(entry, parameter_names(kind, ship))
         if parameters:
             intervals, ramp = half_times(entry)
@@ -61,11 +61,16 @@ def half_times(entry: Mapping[str, Any]) -> tuple[Any, float]:
     Returns:
         Intervals as they are given, and the ramp [s]; 0 is at once.
     """
-    kind = next((kind for kind in KINDS if kind.name == entry["name"]), None)
+    kind = _kind(entry["name"])
     ramp, given = _values(entry, [RAMP]).get(RAMP, 0.0), entry["intervals"]
     if kind is None or kind.confined != "onset" or ramp <= 0 or not isinstance(given, Mapping):
         return given, 0.0
     return {run: [[start + 0.5 * ramp, end] for start, end in parts or []] for run, parts in given.items()}, ramp
+
+
+def _kind(name: str) -> Kind | None:
+    """The listed kind of a name."""
+    return next((kind for kind in KINDS if kind.name == name), None)
 
 
 def parameter_names(kind: Kind, ship: TrialShip) -> list[str]:

@@ -7,6 +7,7 @@ import pytest
 from searches import EFFECTS, fitted, found
 from trials import SHIP, values
 
+from manoeuvre_nn.diagnosis import decision
 from manoeuvre_nn.diagnosis import settled as under_test
 from manoeuvre_nn.diagnosis.settled import settled
 from manoeuvre_nn.effect.local import SideForce
@@ -64,9 +65,10 @@ def test_what_has_rested_is_weighed_as_the_search_is(monkeypatch):
     there = SimpleNamespace(data_set="its own states")
     monkeypatch.setattr(under_test, "at_rest", lambda data_set, j: ("there", j))
     monkeypatch.setattr(under_test, "MarginalLikelihood", lambda data_set: there)
-    monkeypatch.setattr(under_test, "beside", lambda likelihood, h: likelihood)
+    for module in (under_test, decision):
+        monkeypatch.setattr(module, "beside", lambda likelihood, h: likelihood)
     monkeypatch.setattr(under_test, "refine", lambda likelihood, h, *best: fitted(9.0, *h.names))
-    monkeypatch.setattr(under_test, "gain_by_coefficient_priors", lambda data_set, j: gains[j.names])
+    monkeypatch.setattr(decision, "gain_by_coefficient_priors", lambda data_set, j: gains[j.names])
     both, part = fitted(20.0, *PAIR), fitted(1.0, *PART)
     for calm, expected in ((0.5, (22.5, 7.5)), (None, (20.0, 9.0))):
         whole, (fewer,) = under_test._rested(None, both, [part], calm)

@@ -177,18 +177,17 @@ class Decision:
 def decide(result: SearchResult) -> Decision:
     """Weigh all hypotheses, and say what may be claimed."""
     there, calm = beside(result.likelihood, result.none.hypothesis), result.calm_gain
-    formula = _formula(result, there)
-    none, data_set = result.none.evidence, result.likelihood.data_set
+    formula, none, data_set = _formula(result, there), result.none.evidence, result.likelihood.data_set
     # A fitted model has errors that a formula takes up: to be claimed it must hold on other runs first.
     trained = is_fitted(data_set.dynamics)
     worthy, names = plausible(result), effects_tried(result)
-    best = max(worthy, key=lambda j: j.evidence + log(base_rate(len(j.names), len(names))), default=None)
+    best = max(worthy, key=lambda j: weight(j, len(names)), default=None)
     # An event may be no more than the greatest push of a random force, whose course no other effect can follow.
     event = best is not None and not trained and any(e.timed for e in best.hypothesis.effects)
     random = random_force(there, result.none) if event else None
     any_force = unmodelled = unknown_evidence(there, result.none, None if trained else formula, calm, random)
-    of_calm, of_unknown = _by_usual_receiver(replace(result, likelihood=there), best, unmodelled)
-    none, unmodelled = none + of_calm, unmodelled + of_unknown
+    seen = _by_usual_receiver(replace(result, likelihood=there), best, unmodelled)
+    none, unmodelled = none + seen[0], unmodelled + seen[1]
     result = replace(result, none=replace(result.none, evidence=none))
     log_weight = _log_weights(none, unmodelled, worthy, len(names))
     shares = np.exp(log_weight - log_weight.max())
@@ -239,10 +238,15 @@ def _weighed_formula(
 ) -> FittedHypothesis | None:
     """A short formula beside calm water, its evidence with any prior of coefficients if calm water's gain is known."""
     found = short_formula(likelihood, none)
-    if found is None or calm_gain is None:
-        return found
-    gain = gain_by_coefficient_priors(beside(likelihood, found.hypothesis).data_set, found)
-    return replace(found, evidence=found.evidence + gain - calm_gain)
+    return None if found is None else weighed_beyond(likelihood, found, calm_gain)
+
+
+def weighed_beyond(there: MarginalLikelihood, fitted: FittedHypothesis, calm_gain: float | None) -> FittedHypothesis:
+    """A hypothesis with what it gains beyond calm water by any prior of coefficients; as it is if that is None."""
+    if calm_gain is None:
+        return fitted
+    gain = gain_by_coefficient_priors(beside(there, fitted.hypothesis).data_set, fitted)
+    return replace(fitted, evidence=fitted.evidence + gain - calm_gain)
 
 
 def by_any_coefficient_prior(result: SearchResult) -> SearchResult:
@@ -265,8 +269,7 @@ def by_any_coefficient_prior(result: SearchResult) -> SearchResult:
 
     near, rest = result.fitted[:MAX_SETTLED], result.fitted[MAX_SETTLED:]
     # Gusts are no column of their own: a gusty wind gains what the steady one does.
-    by_names = {frozenset(j.names): j for j in result.fitted}
-    ways = [_without_gusts(j) for j in near]
+    by_names, ways = {frozenset(j.names): j for j in result.fitted}, [_without_gusts(j) for j in near]
     calm = gain(result.none)
     more = {way: gain(by_names[way]) - calm for way in set(ways) if way in by_names}
     least = min(more.values(), default=0.0)
@@ -286,20 +289,16 @@ def _by_usual_receiver(result: SearchResult, best: FittedHypothesis | None, unmo
     named = best is not None and likelier_than_calm_water(result, best)
     if not named and unmodelled < none.evidence + MIN_GAIN_OF_UNKNOWN:
         return 0.0, 0.0
-    calm = _half(none.evidence, receiver_wander(likelihood, none).evidence) - none.evidence
+    calm = float(np.logaddexp(none.evidence, receiver_wander(likelihood, none).evidence)) - log(2) - none.evidence
     if calm < 0:
         return 0.0, 0.0
-    unknown = max(_half(unmodelled, unknown_by_receiver(likelihood, none)) - unmodelled, 0.0)
+    of_unknown = float(np.logaddexp(unmodelled, unknown_by_receiver(likelihood, none))) - log(2)
+    unknown = max(of_unknown - unmodelled, 0.0)
     # The smoother took for noise what no usual receiver has: with less of it all are likelier, the name, too.
     if best is None:
         return calm, unknown
     by_name = max(receiver_wander(beside(likelihood, best.hypothesis), best).evidence - best.evidence, 0.0)
     return calm - by_name, unknown - by_name
-
-
-def _half(one: float, other: float) -> float:
-    """Log evidence of what is half the one, half the other."""
-    return float(np.logaddexp(one, other) - np.log(2))
 
 
 def _log_weights(
@@ -319,6 +318,11 @@ def likelier_than_calm_water(result: SearchResult, fitted: FittedHypothesis) -> 
     """Whether a hypothesis of a search is likelier than calm water in the fitted runs, base rates counted."""
     odds = base_rate(len(fitted.names), len(effects_tried(result))) / PRIOR_NONE
     return fitted.evidence + log(odds) > result.none.evidence
+
+
+def weight(fitted: FittedHypothesis, effects: int) -> float:
+    """Log evidence and base rate of a hypothesis with a name, of so many effects that are tried."""
+    return fitted.evidence + log(base_rate(len(fitted.names), effects))
 
 
 def base_rate(size: int, effects: int) -> float:

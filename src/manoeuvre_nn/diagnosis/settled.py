@@ -14,12 +14,13 @@ from manoeuvre_nn.diagnosis.decision import (
     MAX_IN_RACE,
     MAX_SETTLED,
     PRIOR_NONE,
-    base_rate,
     by_any_coefficient_prior,
     effects_tried,
     has_one_less,
     likelier_than_calm_water,
     plausible,
+    weighed_beyond,
+    weight,
 )
 from manoeuvre_nn.diagnosis.fits import at_rest, refine
 from manoeuvre_nn.diagnosis.search import Progress, SearchResult, search
@@ -33,7 +34,6 @@ from manoeuvre_nn.estimation.marginal_likelihood import (
     MarginalLikelihood,
     log_prior_levels,
 )
-from manoeuvre_nn.estimation.prior_average import gain_by_coefficient_priors
 from manoeuvre_nn.estimation.relinearise import beside
 
 
@@ -69,7 +69,7 @@ def searched(
 def _leading(result: SearchResult) -> tuple[float, FittedHypothesis]:
     """What leads, and its log evidence and base rate; calm water if nothing else does."""
     effects, calm = len(effects_tried(result)), result.calm_gain or 0.0
-    weighed = [(j.evidence + calm + log(base_rate(len(j.names), effects)), j) for j in result.fitted]
+    weighed = [(weight(j, effects) + calm, j) for j in result.fitted]
     return max([(result.none.evidence + calm + log(PRIOR_NONE), result.none), *weighed], key=lambda one: one[0])
 
 
@@ -145,17 +145,9 @@ def _rested(
     """A hypothesis about its own states, and others about these states, weighed as the search is."""
     there, found = at_rest(data_set, fitted)
     likelihood = MarginalLikelihood(there)
-
-    def weighed(j: FittedHypothesis) -> FittedHypothesis:
-        if calm_gain is None:
-            return j
-        return replace(
-            j,
-            evidence=j.evidence + gain_by_coefficient_priors(beside(likelihood, j.hypothesis).data_set, j) - calm_gain,
-        )
-
     others = [refine(beside(likelihood, p.hypothesis), p.hypothesis, *p.best) for p in parts]
-    return weighed(found), [weighed(j) for j in others]
+    whole, *fewer = [weighed_beyond(likelihood, j, calm_gain) for j in (found, *others)]
+    return whole, fewer
 
 
 def _race(result: SearchResult) -> list[FittedHypothesis]:
@@ -163,14 +155,10 @@ def _race(result: SearchResult) -> list[FittedHypothesis]:
     # Of gusts the course is integrated out about the states of the steady wind.
     steady = [j for j in result.fitted if not any(e.random for e in j.hypothesis.effects)]
     worthy, effects = {j.names for j in plausible(result)}, len(effects_tried(result))
-
-    def weight(j: FittedHypothesis) -> float:
-        return j.evidence + log(base_rate(len(j.names), effects))
-
-    named = sorted((j for j in steady if j.names in worthy), key=weight, reverse=True)
+    named = sorted((j for j in steady if j.names in worthy), key=lambda j: -weight(j, effects))
     if not named or not likelier_than_calm_water(result, named[0]):
         return []
-    race = [j for j in named if weight(j) > weight(named[0]) - MAX_DEFICIT_IN_RACE][:MAX_IN_RACE]
+    race = [j for j in named if weight(j, effects) > weight(named[0], effects) - MAX_DEFICIT_IN_RACE][:MAX_IN_RACE]
     for several in race[:]:
         fewer = [j for j in steady if has_one_less(j, several)]
         race += [j for j in fewer[:1] if all(j.names != other.names for other in race)]
