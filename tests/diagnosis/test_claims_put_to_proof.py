@@ -131,13 +131,13 @@ SAILED, MORE = Check(REPAIRED_SAILS, True, ""), "more is left than in calm water
 
 
 def proved(
-    monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(), apart=0.0, asked=None, unsure=False
+    monkeypatch, claims, gains, errors, trained=False, surplus=(), poor=(), apart=0.0, asked=None, unsure=-np.inf
 ) -> tuple:
     """What is chosen among claims with these gains in held-out runs; errors of effects alone, with corrections.
 
     By themselves, coefficients unknown, held-out runs make each of them so much likelier than calm water (``apart``).
-    Those of ``surplus`` have one effect too many; the first fails the tests ``poor``; one alone is ``unsure`` if its
-    size may be nothing by what is asked of it.
+    Those of ``surplus`` have one effect too many; the first fails the tests ``poor``; one alone may be
+    nothing as long as these add less than ``unsure``.
     """
     none = fit(100.0)
     acting = Hypothesis((Current(SHIP),), (values(Current(SHIP)),))
@@ -166,7 +166,9 @@ def proved(
         monkeypatch.setattr(proving, name, made)
     failed = {claims[0].names: [Check(name, False, "") for name in poor if name not in (REPAIRED_SAILS, MORE)]}
     monkeypatch.setattr(proving.checking, "checks", lambda _, j: failed.get(j.names, []))
-    monkeypatch.setattr(proving.checking, "may_be_nothing", lambda j, effect: len(j.names) == 1 and unsure)
+    monkeypatch.setattr(
+        proving.checking, "may_be_nothing", lambda j, effect, gain=0.0: len(j.names) == 1 and gain < unsure
+    )
     monkeypatch.setattr(proving.checking, "chance_of_nothing", lambda j, effect: 0.0)
     monkeypatch.setattr(proving.checking, "more_is_left", lambda _, j: MORE in poor and j.names == claims[0].names)
     asked = asked or Mock(workers=1, put_to_proof={}, held_out_evidence={}, case=Mock(held_out=[1], fitted=[1]))
@@ -181,7 +183,8 @@ def test_of_several_effects_one_that_may_be_nothing_is_left_out(monkeypatch, nam
     """What is alone is judged by its evidence, and asked for more."""
     of_all = proved(monkeypatch, [fit(150.0, *names)], {names: 30.0}, {})[0]
     assert of_all.names == names
-    monkeypatch.setattr(proving.checking, "may_be_nothing", lambda j, effect: effect == nothing and len(j.names) > 1)
+    several = lambda j, effect, gain=0.0: effect == nothing and len(j.names) > 1  # noqa: E731
+    monkeypatch.setattr(proving.checking, "may_be_nothing", several)
     monkeypatch.setattr(proving, "MarginalLikelihood", lambda known: None)
     monkeypatch.setattr(Hypothesis, "without", lambda h, number: number)
 
@@ -204,7 +207,7 @@ def test_of_several_effects_the_one_that_is_least_clear_is_left_out(monkeypatch)
     """Both may be nothing: without one the other may be clear."""
     asked = proved(monkeypatch, [fit(150.0, *TWO)], {TWO: 30.0}, {})[0]
     chances, left = {0: 0.01, 1: 0.2}, []
-    monkeypatch.setattr(proving.checking, "may_be_nothing", lambda j, effect: len(j.names) > 1)
+    monkeypatch.setattr(proving.checking, "may_be_nothing", lambda j, effect, gain=0.0: len(j.names) > 1)
     monkeypatch.setattr(proving.checking, "chance_of_nothing", lambda j, effect: chances[effect])
     monkeypatch.setattr(proving, "MarginalLikelihood", lambda known: None)
     monkeypatch.setattr(Hypothesis, "without", lambda h, number: left.append(number))
@@ -220,7 +223,7 @@ SIZED = [  # effect, offsets of its numbers in standard errors -> whether it may
     (RudderOffset(SHIP), (3.5,), True), (RudderOffset(SHIP), (-3.6,), False),
     (LogScale(SHIP), (3.5,), True), (LogScale(SHIP), (-3.6,), False),  # about 1
     (LeverArm(SHIP), (3.5, 1.8), True), (LeverArm(SHIP), (3.5, 1.9), False),  # chi-square of two numbers: 15.65
-    (Current(SHIP), (3.5, 90.0), True), (Current(SHIP), (3.6, 90.0), False),  # a direction is no size
+    (Current(SHIP), (3.9, 90.0), True), (Current(SHIP), (4.0, 90.0), False),  # two numbers: a speed and a direction
     (ShallowWater(SHIP), (0.1,), False), (GustyWind(SHIP), (0.1, 90.0), False),
 ]  # fmt: skip
 
@@ -249,8 +252,21 @@ def test_one_of_25_may_be_so_large_by_chance_in_one_case_of_a_hundred(off, nothi
     assert 2 * 25 * norm.sf(3.54) == approx(0.01, rel=0.02)
 
 
-@pytest.mark.parametrize("names, unsure, named", [(ONE, True, False), (ONE, False, True), (TWO, True, True),
-                                                  (RULE, True, True)])  # fmt: skip
+def test_other_runs_add_to_how_sure_it_is_that_an_effect_is_there():
+    """Twice their log evidence to the square; by the integral over both as rarely by chance as without other runs."""
+    h = Hypothesis((RudderOffset(SHIP),), (np.array([[0.6]]),))
+    fitted = FittedHypothesis(h, 9.0, np.zeros((1, 1)), np.diag([0.04]))
+    limit = 0.5 * (chi2.isf(4e-4, 1) - 9.0)
+    assert [checking.may_be_nothing(fitted, 0, limit + more) for more in (-0.01, 0.01)] == [True, False]
+    z = np.linspace(-12.0, 12.0, 24001)
+    for ratio in (0.01, 0.5, 1.0, 3.0):  # error by the fitted runs over that by the others, which see z w - z^2 / 2
+        there = np.maximum(np.abs(z) * ratio, 1e-9)
+        least = (chi2.isf(4e-4, 1) - z**2 + there**2) / (2 * there)
+        assert np.trapezoid(norm.pdf(z) * norm.sf(least), z) < 4.01e-4
+
+
+@pytest.mark.parametrize("names, unsure, named", [(ONE, 9.1, False), (ONE, 8.9, True), (TWO, 9.1, True),
+                                                  (RULE, 9.1, True)])  # fmt: skip
 def test_what_is_named_alone_has_a_size_beyond_its_errors(monkeypatch, names, unsure, named):
     """Of several the others are there; weights of a formula are tied to no effect."""
     found, _, checks = proved(monkeypatch, [fit(130.0, *names)], {names: 9.0}, {}, unsure=unsure)

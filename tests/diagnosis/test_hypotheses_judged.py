@@ -14,7 +14,7 @@ from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.local import BowThruster, SideForce
 from manoeuvre_nn.effect.propulsion import HullFouling, PropellerPitchError
-from manoeuvre_nn.effect.rudder import RudderOffset
+from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset
 from manoeuvre_nn.effect.sensors import HeadingBias, LogScale
 from manoeuvre_nn.effect.wind import GustyWind, SteadyWind
 from manoeuvre_nn.estimation.corrections import Corrections
@@ -38,6 +38,7 @@ ACTING = {
     "current": (Current(SHIP, speed=0.7, toward_deg=60.0),),
     "wind": (SteadyWind(SHIP, speed=10.0, from_deg=60.0),),
     "thrust": (PropellerPitchError(SHIP, fraction=0.15),),
+    "backlash": (RudderBacklash(SHIP, width_deg=3.0),),
     "offset and compass": (RudderOffset(SHIP, offset_deg=1.5), HeadingBias(SHIP, bias_deg=-1.0)),
 }
 LEVEL, SCATTER = 6, 1
@@ -185,9 +186,9 @@ def test_a_value_outside_its_bounds_gains_no_evidence():
 
 
 def test_a_prior_that_its_bound_cuts_in_half_counts_double():
-    """Inside the bounds the evidence is that of a prior of any sign and log 2; little of it lies above 10 m/s."""
-    likelihood = MarginalLikelihood(stand("current"))
-    judged = likelihood.evaluate(hypothesis(*ACTING["current"]))
+    """Inside the bounds the evidence is that of a prior of any sign and log 2; little lies beyond 35 deg."""
+    likelihood = MarginalLikelihood(stand("backlash"))
+    judged = likelihood.evaluate(hypothesis(*ACTING["backlash"]))
     weighted = judged.by_level + log_prior_levels(likelihood.data_set, PROCESS_PRIOR)
     assert judged.evidence - logsumexp(weighted[np.isfinite(weighted)]) == approx(np.log(2), abs=0.03)
 

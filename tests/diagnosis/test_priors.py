@@ -47,6 +47,41 @@ def test_a_gaussian_stands_for_a_heavy_tail_where_the_value_is(size):
     assert of_gaussian(size) == approx(of_cauchy(size)) and slopes[0] == approx(slopes[1], abs=1e-6)
 
 
+def log_density(unknown, x: float) -> float:
+    """Of the prior at x, by the Gaussian that stands for it there."""
+    sd = unknown.prior_sd(x)
+    return -0.5 * (x / sd) ** 2 - np.log(np.sqrt(2 * np.pi) * sd) + unknown.prior_excess(x)
+
+
+@pytest.mark.parametrize(("effect", "usual"), [(Current, 0.6), (SteadyWind, 8.0)])
+def test_velocities_are_vectors_whose_prior_has_no_peak_at_none(effect, usual):
+    """Half of all are slower than .6745 times the usual speed; slopes by differences."""
+    speed = Hypothesis((effect(SHIP),), (values(effect(SHIP)),)).unknowns()[0]
+    median = 0.6745 * usual
+
+    def share(most: float) -> float:
+        x = np.linspace(1e-6, most, 4001)
+        return float(np.trapezoid([np.exp(log_density(speed, one)) for one in x], x))
+
+    assert share(median) == approx(0.5, abs=1e-4)
+    assert share(0.01 * median) == approx(1 - 1 / np.sqrt(1 + 3e-4), rel=1e-2)
+    assert np.exp(speed.prior_inside()) == approx(share(speed.parameter.high), abs=1e-3)
+    h, at = 1e-4 * usual, 0.7 * usual
+    slope = (log_density(speed, at + h) - log_density(speed, at - h)) / (2 * h) - 1 / at
+    assert slope == approx(-at / speed.prior_sd(at) ** 2, rel=1e-4), "a fit looks for the likeliest vector"
+
+
+def test_a_slow_current_is_as_likely_as_the_small_part_of_the_plane_that_it_takes():
+    """In polar coordinates and in those of the plane the same evidence of a velocity known to an error e all around."""
+    x, e = 0.02, 0.002
+    speed, towards = Hypothesis((Current(SHIP),), (np.array([[x, 40.0]]),)).unknowns()
+    known = np.log(np.sqrt(2 * np.pi) * e) + np.log(np.sqrt(2 * np.pi) * np.degrees(e / x))
+    polar = log_density(speed, x) + known - np.log(np.sqrt(2 * np.pi) * towards.prior_sd(40.0))
+    gamma = 0.6745 * 0.6 / np.sqrt(3)
+    plane = np.log(2 * np.pi * e**2) - np.log(2 * np.pi * gamma**2) - 1.5 * np.log1p((x / gamma) ** 2)
+    assert polar == approx(plane, abs=1e-6)
+
+
 def test_a_fault_ten_times_as_large_as_usual_costs_little_more_than_a_usual_one():
     """Odds of 1 to 100, where a Gaussian prior would say 1 to 1e20."""
     usual, large = (Hypothesis((RudderOffset(SHIP),), (np.array([[size]]),)).unknowns()[0] for size in (1.0, 15.0))

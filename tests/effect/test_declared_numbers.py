@@ -23,7 +23,13 @@ def numbers(p: Parameter) -> str:
     """One parameter in a line."""
     null = "none" if p.null is None else f"{p.null:g}"
     starts = " ".join(f"{s:g}" for s in p.starts)
-    flags = {"form": p.form, "per_run": p.per_run, "random": p.random, "gaussian": not p.heavy_tailed}
+    flags = {
+        "form": p.form,
+        "per_run": p.per_run,
+        "random": p.random,
+        "gaussian": not p.heavy_tailed,
+        "vector": p.vector,
+    }
     flags |= {f"of {p.within}": bool(p.within), f"period {p.period}": bool(p.period), f"power {p.power}": bool(p.power)}
     words = " ".join([*(name for name, is_so in flags.items() if is_so), "/".join(p.sides)]).strip()
     return f"{p.name} [{p.unit}] {p.low:g} to {p.high:g}, null {null}, spread {p.spread:g}, from {starts} {words}"

@@ -1,6 +1,6 @@
 """Hypotheses: what is free in them, and what bounds are worth."""
 
-from math import log
+from math import log, sqrt
 
 import numpy as np
 import pytest
@@ -43,8 +43,9 @@ def test_a_direction_has_no_bounds_to_be_worth_anything():
     step, variance = np.array([0.0, 0.0]), np.array([0.01, 25.0])
     speed = h.effects[0].declared[0]
     alone = log(norm(1.0, 0.1).cdf(speed.high) - norm(1.0, 0.1).cdf(speed.low))
-    prior = cauchy(speed.null, MEDIAN_OF_GAUSSIAN * speed.spread).cdf([speed.low, speed.high])
-    assert _bounded(h, step, variance) == approx(alone - log(prior[1] - prior[0]), abs=1e-6)
+    gamma = MEDIAN_OF_GAUSSIAN * speed.spread / sqrt(3)
+    before = 1 - gamma / sqrt(gamma**2 + speed.high**2)  # of a bivariate Cauchy's vectors, those within the range
+    assert _bounded(h, step, variance) == approx(alone - log(before), abs=1e-6)
 
 
 @pytest.mark.parametrize("off", [0.0, 1e-9])

@@ -46,6 +46,8 @@ class Parameter:
             size of what has a null.
         heavy_tailed: Whether its prior is Cauchy's about the null, with the median size of a Gaussian of this spread:
             what goes wrong at sea may be ten times what is usual. Else it is Gaussian, as form parameters always are.
+        vector: Whether it is the length of a vector whose direction is another parameter: the vector's prior is the
+            bivariate Cauchy with that median, so that no length of 0 is likelier than its neighbours.
         random: Whether it describes a random process, whose course is integrated out; the first such parameter of an
             effect is the size of the process, 0 without one.
         power: Exponent of length with which its usual size goes by Froude's law; None takes that of the unit, and 0 for
@@ -67,6 +69,7 @@ class Parameter:
     form: bool = False
     per_run: bool = False
     heavy_tailed: bool = True
+    vector: bool = False
     random: bool = False
     power: float | None = None
     within: str = ""

@@ -96,12 +96,17 @@ def _forms_off(chosen: FittedHypothesis) -> list[tuple[str, float]]:
     return [(name, sds) for name, sds in forms if sds > MAX_FORM_SDS]
 
 
-def chance_of_nothing(fitted: FittedHypothesis, effect: int) -> float:
+def chance_of_nothing(fitted: FittedHypothesis, effect: int, held_out: float = 0.0) -> float:
     """How often sizes as far from those at which an effect vanishes are found where it does: by ``x^T C^-1 x``.
+
+    Its chi-square has a degree of freedom for each size and for each direction, of which there is none without a size.
 
     Args:
         fitted: A hypothesis, averaged over what else may be: at other noise than the likeliest the sizes may be others.
         effect: Number of the effect.
+        held_out: Log evidence that it adds at these sizes in runs that it was not fitted to: as much as half a square
+            says. Where an effect vanishes, square and twice that together reach a limit no more often than the square
+            alone, however well the other runs know the sizes.
 
     Returns:
         A probability; 0 for gusts, whose mean may be small beside them, and for what has no such size (a depth).
@@ -114,12 +119,14 @@ def chance_of_nothing(fitted: FittedHypothesis, effect: int) -> float:
     at = list(sizes)
     off = h.vector()[at] - list(sizes.values())
     square = float(off @ lstsq(fitted.covariance[np.ix_(at, at)], off))
-    return float(chi2.sf(square, len(at)))
+    # The length of a vector whose direction was looked for, too, is that of two numbers.
+    degrees = len(at) + sum(bool(p.period) for _, p in own)
+    return float(chi2.sf(square + 2 * held_out, degrees))
 
 
-def may_be_nothing(fitted: FittedHypothesis, effect: int) -> bool:
+def may_be_nothing(fitted: FittedHypothesis, effect: int, held_out: float = 0.0) -> bool:
     """Whether all sizes of an effect are within their errors of those at which it vanishes (SIZE_CONFIDENCE)."""
-    return chance_of_nothing(fitted, effect) > 1 - SIZE_CONFIDENCE
+    return chance_of_nothing(fitted, effect, held_out) > 1 - SIZE_CONFIDENCE
 
 
 def _little_left(tried: SearchResult, chosen: FittedHypothesis) -> Check:

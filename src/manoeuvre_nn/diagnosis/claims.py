@@ -231,7 +231,7 @@ def _put_to_proof(
     likelier = tested and gain > sure and least == REFUTED
     faint = bool(j.random) and fainter_than_at_sea(j)
     by_itself = len(j.names) == 1 and Formula.name not in j.names
-    unsure = by_itself and checking.may_be_nothing(j, 0)
+    unsure = by_itself and checking.may_be_nothing(j, 0, gain if tested else 0.0)
     why = "; gusts at sea are larger" if faint else "; its size is within its errors of none" if unsure else ""
     text = (
         f"with {labels(j)} the error of free runs goes from {before:.2f} to {after:.2f} ({unit_of_error(question)}), "

@@ -9,7 +9,7 @@ from torch import Tensor
 from manoeuvre_nn.core.effect import Effect, Parameter, Situation
 from manoeuvre_nn.effect.common import columns, compass, direction
 
-SPEED = Parameter("speed", "m/s", 0.0, 10.0, 0.0, 0.6, (0.5, 2.5))
+SPEED = Parameter("speed", "m/s", 0.0, 10.0, 0.0, 0.6, (0.5, 2.5), vector=True)
 
 
 class _UniformCurrent(Effect):
@@ -66,7 +66,7 @@ class TidalCurrent(_UniformCurrent):
     fingerprint = "Like a current, but the drift of the track grows or fades evenly during the trial."
     source = "Linear part of V0 + V1 cos(2 pi t / 12.42 h + p), enough for trials of half an hour"
     declared = (
-        replace(SPEED, low=-SPEED.high, starts=(0.5,), per_run=True, sides=("that way", "the other way")),
+        replace(SPEED, low=-SPEED.high, starts=(0.5,), per_run=True, vector=False, sides=("that way", "the other way")),
         direction("toward_deg"),
         Parameter("change", "m/s per hour", -10.0, 10.0, 0.0, 0.5, (0.3, -0.3), sides=("growing", "falling")),
     )

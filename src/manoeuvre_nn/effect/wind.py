@@ -16,7 +16,7 @@ from manoeuvre_nn.core.ship import Ship
 from manoeuvre_nn.core.wind import COEFFICIENTS, usual_kind, wind_load
 from manoeuvre_nn.effect.common import columns, compass, direction, during, factor, from_some_time
 
-SPEED = Parameter("speed", "m/s", 0.0, 80.0, 0.0, 8.0, (6.0, 20.0))
+SPEED = Parameter("speed", "m/s", 0.0, 80.0, 0.0, 8.0, (6.0, 20.0), vector=True)
 FORM = (
     # The wind blows over the hull, not at 10 m: (h/10)^(2/7) of the load is .82 at 5 m and 1.22 at 20 m; CD_t of
     # Blendermann's ships scatters by .12, methods differ as much on one ship (Haddara & Guedes Soares 1999).

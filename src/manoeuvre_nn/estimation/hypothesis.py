@@ -17,6 +17,8 @@ STOPS = 0.25
 """Prior probability that what may last to the end of a run ends before."""
 MEDIAN_OF_GAUSSIAN = 0.6745
 """Median size of a Gaussian number over its standard deviation."""
+LEAST_LENGTH = 1e-3
+"""Length of a vector over the scale of its prior that is told from none."""
 
 
 @dataclass(frozen=True)
@@ -209,21 +211,26 @@ class _Unknown:
 
     @property
     def scale(self) -> float:
-        """Half width gamma of a Cauchy prior, its median size: that of a Gaussian of the usual size."""
-        return MEDIAN_OF_GAUSSIAN * self.spread
+        """Half width gamma of a Cauchy prior whose median size is that of a Gaussian of the usual size.
+
+        Half of all numbers are smaller than ``gamma``, half of all vectors in a plane than ``sqrt(3) gamma``.
+        """
+        median = MEDIAN_OF_GAUSSIAN * self.spread
+        return median / sqrt(3) if self.parameter.vector else median
 
     def prior_sd(self, value: float) -> float:
         """Standard deviation of the Gaussian that stands for the prior at a value.
 
-        Cauchy's ``p ~ 1 / (1 + x^2 / gamma^2)`` has the slope of a Gaussian of variance ``(gamma^2 + x^2) / 2``. A flat
-        prior over a range, or over the logarithm of a depth, is written as the Gaussian of equal height.
+        Cauchy's ``p ~ 1 / (1 + x^2 / gamma^2)`` has the slope of a Gaussian of variance ``(gamma^2 + x^2) / 2``, a
+        vector's ``p ~ (1 + x^2 / gamma^2)^(-3/2)`` that of one of ``(gamma^2 + x^2) / 3``. A flat prior over a range,
+        or over the logarithm of a depth, is written as the Gaussian of equal height.
 
         Returns:
             The standard deviation, in the parameter's unit.
         """
         p = self.parameter
         if self.heavy:
-            return sqrt(0.5 * (self.scale**2 + (value - self.mean(value)) ** 2))
+            return sqrt((self.scale**2 + (value - self.mean(value)) ** 2) / (3 if p.vector else 2))
         if p.form or not p.heavy_tailed:
             return p.spread
         if p.period:
@@ -231,16 +238,29 @@ class _Unknown:
         return (value * log(p.high / p.low) if p.low > 0 else p.high - p.low) / sqrt(2 * pi)
 
     def prior_excess(self, value: float) -> float:
-        """Log density of the prior at a value over that of the Gaussian that stands for it."""
+        """Log density of the prior at a value over that of the Gaussian that stands for it.
+
+        The length x of a vector has ``p(x) = 2 pi x / (2 pi gamma^2) (1 + x^2 / gamma^2)^(-3/2)``: there are as many
+        vectors of a length as the circle is long.
+
+        Returns:
+            0 where the Gaussian is the prior.
+        """
         if not self.heavy:
             return 0.0
         x, sd = value - self.mean(value), self.prior_sd(value)
-        cauchy = -log(pi * self.scale) - log(1 + (x / self.scale) ** 2)
+        size = x / self.scale
+        if self.parameter.vector:
+            cauchy = log(max(size, LEAST_LENGTH) / self.scale) - 1.5 * log(1 + size**2)
+        else:
+            cauchy = -log(pi * self.scale) - log(1 + size**2)
         return cauchy + log(sqrt(2 * pi) * sd) + 0.5 * (x / sd) ** 2
 
     def prior_inside(self) -> float:
         """Log of the share of the prior that lies within the bounds."""
         p, mean = self.parameter, self.mean(0.0)
+        if self.heavy and p.vector:
+            return log(1 - 1 / sqrt(1 + (p.high / self.scale) ** 2))
         if self.heavy:
             low, high = (atan((bound - mean) / self.scale) / pi for bound in (p.low, p.high))
             return log(high - low)
