@@ -127,7 +127,7 @@ def _solved(
     columns: Columns,
     target: Float[np.ndarray, " n"],
     noise: float,
-    slope: Float[np.ndarray, " k"],
+    slope: Float[np.ndarray, " w"],
     lengths: Sequence[int],
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Least squares; covariance for errors that the smoother correlates, and for what the terms leave; condition."""
