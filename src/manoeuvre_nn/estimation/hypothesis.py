@@ -233,8 +233,6 @@ class _Unknown:
             return sqrt((self.scale**2 + (value - self.mean(value)) ** 2) / (3 if p.vector else 2))
         if p.form or not p.heavy_tailed:
             return p.spread
-        if p.period:
-            return p.period / sqrt(2 * pi)
         return (value * log(p.high / p.low) if p.low > 0 else p.high - p.low) / sqrt(2 * pi)
 
     def prior_excess(self, value: float) -> float:
