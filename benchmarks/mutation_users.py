@@ -1,6 +1,7 @@
 """Lines whose tests can tell a slip: its own, or, of what is computed on import, those of the functions that use it."""
 
 import ast
+import re
 from collections import defaultdict
 from collections.abc import Iterator
 from functools import cache
@@ -74,8 +75,9 @@ def _uses() -> dict[str, set[tuple[str, int]]]:
             if isinstance(node, ast.Name | ast.Attribute) and isinstance(node.ctx, ast.Load):
                 name = node.id if isinstance(node, ast.Name) else node.attr
                 found[elsewhere.get(name, name)].add((file, node.lineno))
-            elif isinstance(node, ast.Constant) and file.startswith("tests/") and _is_constants_name(node.value):
-                found[node.value] |= _around(file, node.lineno)
+            elif isinstance(node, ast.Constant) and file.startswith("tests/"):
+                for name in _constants_named(node.value, file):
+                    found[name] |= _around(file, node.lineno)
             elif isinstance(node, ast.FunctionDef):  # what its defaults and cases are made of acts in its body
                 given = [*node.args.defaults, *filter(None, node.args.kw_defaults), *node.decorator_list]
                 for name in (n.id for d in given for n in ast.walk(d) if isinstance(n, ast.Name)):
@@ -88,8 +90,13 @@ def _uses() -> dict[str, set[tuple[str, int]]]:
     return found
 
 
-def _is_constants_name(value: object) -> bool:
-    return isinstance(value, str) and value.isidentifier() and value.isupper() and len(value) > 2
+def _constants_named(value: object, file: str) -> list[str]:
+    """The constant that a word of a test names, or those that a table beside it lists."""
+    if not isinstance(value, str):
+        return []
+    table = (ROOT / file).with_name(value) if value.endswith(".txt") and "/" not in value else None
+    words = re.findall(r"\w+", table.read_text()) if table and table.is_file() else [value]
+    return [word for word in words if word.isidentifier() and word.isupper() and len(word) > 2]
 
 
 def _around(file: str, line: int) -> set[tuple[str, int]]:
