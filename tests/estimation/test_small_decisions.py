@@ -9,18 +9,20 @@ from fleet import ship_named, unchecked
 from pytest import approx
 
 from manoeuvre_nn.core.errors import InputError
+from manoeuvre_nn.core.inputs import Inputs
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.core.units import DEGREE
+from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.depth import ShallowWater
 from manoeuvre_nn.effect.propulsion import ThrustLoss
 from manoeuvre_nn.effect.rudder import RudderOffset
-from manoeuvre_nn.estimation import baselines, captive_fit, data_set, record_information
+from manoeuvre_nn.estimation import baselines, captive_fit, changed_coefficients, data_set, record_information
 from manoeuvre_nn.estimation.coefficient_forces import own_forces
 from manoeuvre_nn.estimation.coefficient_priors import series_prior
 from manoeuvre_nn.estimation.coefficients import Fitted
 from manoeuvre_nn.estimation.collinear import _words
-from manoeuvre_nn.estimation.corrections import CoefficientPrior
+from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, SAME_RUDDER, WhitenedDataSet
 from manoeuvre_nn.estimation.derivatives import taylor_columns
 from manoeuvre_nn.estimation.hypothesis import STOPS, FittedHypothesis, Hypothesis
@@ -29,6 +31,8 @@ from manoeuvre_nn.estimation.noise_average import TIMES
 from manoeuvre_nn.estimation.prime_recordings import PACE, to_prime
 from manoeuvre_nn.estimation.process_noise import ProcessNoise
 from manoeuvre_nn.recording.tuples import Tuples
+from manoeuvre_nn.ship.container import container
+from manoeuvre_nn.ship.esso_osaka_model import esso_osaka_mmg
 from manoeuvre_nn.ship.kvlcc2 import kvlcc2_hsva
 
 SHIP = ship_named("mariner")
@@ -125,9 +129,44 @@ def test_recordings_are_averaged_to_a_twentieth_of_the_time_in_which_a_ship_sail
 # Coefficients ---------------------------------------------------------------------------------------------------------
 
 
+def test_what_effects_do_to_errors_of_coefficients_is_told_of_each_run(monkeypatch):
+    """Combinations that runs show: ``1 + seen K rotation``; the data about corrected ones: ``seen K c``."""
+    rng = np.random.default_rng(2)
+    change, seen, rotation, shares = (rng.standard_normal(s) for s in ((4, 4), (2, 4), (4, 2), 4))
+    about = Calibrated.__new__(Calibrated)
+    torch.nn.Module.__init__(about)
+    about.shares = torch.tensor(shares)
+    runs = [SimpleNamespace(linearised=SimpleNamespace(rate=SimpleNamespace(dynamics=d))) for d in (about, None)]
+    stood = SimpleNamespace(runs=runs, corrections=None, seen=seen, rotation=rotation)
+    h = Hypothesis((RudderOffset(SHIP),), (np.array([[1.0], [1.0]]),))
+    with unchecked():
+        monkeypatch.setattr(changed_coefficients, "change_of_coefficients", lambda *_: change)
+        first, second = changed_coefficients.changed_base(stood, h)
+        assert second[1:-1, 1:-1] == approx(np.eye(2) + seen @ change @ rotation) and not second[1:-1, 0].any()
+        assert first[1:-1, 0] == approx(seen @ change @ shares) and first[0, 0] == first[-1, -1] == 1.0
+        monkeypatch.setattr(changed_coefficients, "change_of_coefficients", lambda *_: None)
+        assert changed_coefficients.changed_base(stood, h) == ()
+
+
+def test_an_error_of_the_roll_inertia_changes_the_roll_rate_alone():
+    """All of it, with the other sign."""
+    ship = container()
+    corrections = Corrections(CalmWater(ship))
+    moving, delta = torch.tensor([[8.0, -0.5, 0.01, 0.1, 0.02]], dtype=torch.float64), torch.tensor([0.2])
+    shares = torch.zeros(len(corrections.names), dtype=torch.float64)
+    shares[corrections.names.index("Mp")] = 0.1
+    with unchecked(), torch.no_grad():
+        change = corrections.together(moving, delta.double(), shares, None, None)[0]
+        rates = CalmWater(ship)(torch.cat([moving[:, :3], 0 * moving[:, :3], moving[:, 3:]], dim=-1), Inputs(delta))[0]
+    assert change[:-1].tolist() == approx([0.0] * (len(change) - 1), abs=1e-12)
+    assert float(change[-1]) == approx(-0.1 * float(rates[-1]), rel=1e-6) and float(change[-1]) != 0
+
+
 def test_a_ship_whose_forces_are_no_sum_of_products_has_no_own_part():
     with pytest.raises(InputError, match=r"linear=own: the forces of the .* are no sum of known products"):
         baselines.own_part(kvlcc2_hsva())
+    with pytest.raises(InputError, match="linear=own"):
+        baselines.own_part(esso_osaka_mmg())
 
 
 def test_as_many_samples_as_terms_without_one_block_are_too_few():
@@ -202,11 +241,6 @@ def test_errors_of_constants_and_port_rudders():
     starboard, port = (taylor_columns(tuples, known, terms, side)["Y"][0] for side in ("starboard", "port"))
     assert port == approx(starboard * [1, -1, -1, -1, 1]) and starboard[1] == approx(0.2)
     assert starboard[3] == approx(0.2**3 / 6) and starboard[0] != 0
-
-
-def test_the_prior_of_coefficients_that_go_together_has_their_correlation():
-    root = CoefficientPrior(0.3, 1.0).root(["Yv", "Nv"])
-    assert root @ root.T == approx(np.array([[1.0, 0.3], [0.3, 1.0]]))
 
 
 # Which manoeuvre tells more ------------------------------------------------------------------------------------------
