@@ -148,6 +148,23 @@ def test_what_effects_do_to_errors_of_coefficients_is_told_of_each_run(monkeypat
         assert changed_coefficients.changed_base(stood, h) == ()
 
 
+def test_an_effect_that_multiplies_no_term_changes_no_error():
+    """Alone nothing, beside one that does nothing more."""
+    corrections, offset, depth = Corrections(CalmWater(SHIP)), RudderOffset(SHIP), ShallowWater(SHIP)
+    both = [np.array([2.0]), _at_starts(depth)[0]]
+    with unchecked():
+        assert changed_coefficients.change_of_coefficients(corrections, [offset], both[:1]) is None
+        alone = changed_coefficients.change_of_coefficients(corrections, [depth], both[1:])
+        beside = changed_coefficients.change_of_coefficients(corrections, [offset, depth], both)
+    assert np.abs(alone).max() > 0.01 and beside == approx(alone)
+
+
+def test_what_is_said_to_be_identified_are_no_constants():
+    told = SimpleNamespace(names=("Y_0", "Y_v", "Y_r"), identified=("Y_0", "Y_r"))
+    with unchecked():
+        assert record_information._wanted(told) == (["Y_v", "Y_r"], ["Y_r"])
+
+
 def test_an_error_of_the_roll_inertia_changes_the_roll_rate_alone():
     """All of it, with the other sign."""
     ship = container()
