@@ -44,7 +44,7 @@ PACKAGE = Path("src/manoeuvre_nn")
 EQUIVALENT = Path(__file__).with_name("mutation_equivalent.yaml")
 NEIGHBOURS = {
     "core": ["manoeuvre", "effect", "network"],
-    "diagnosis": ["report/test_first_sentence.py"],
+    "diagnosis": ["report/test_first_sentence.py", "report/test_diagnosis_report.py", "report/test_answers.py"],
     "estimation": [
         "diagnosis",
         "effect/test_changed_hulls.py",

@@ -23,18 +23,18 @@ pytestmark = pytest.mark.usefixtures("unchecked_types")
 NOTHING_RECORDED = pd.DataFrame({c: np.full(300, np.nan) for c in ("x", "y", "psi", "u", "v", "r", "u_log")})
 
 
-def looks(monkeypatch, derived=(), **recorded) -> dict[str, float]:
+def looks(monkeypatch, derived=(), wander=None, **recorded) -> dict[str, float]:
     """How large the error of a channel is in a whole run of thirty ship lengths, and in its worst part; draws are off
     by one, and a ship length takes 10 s."""
     seen = []
     monkeypatch.setattr(predictive, "recorded", lambda run, warmup: NOTHING_RECORDED.assign(**recorded))
     monkeypatch.setattr(predictive, "rarest", lambda sizes: (seen.append(sizes), (1.0, 0))[1])
     question = Mock(case=Mock(warmup=0.0, proof=()), dynamics=Mock(particulars=Mock(time_unit=10.0)))
-    run = Mock(step=1.0, derived=derived)
+    run = Mock(step=1.0, derived=derived, time=np.arange(-40.0, 300.0))  # the warm-up before
     run.name = "zigzag"
     free = np.zeros((9, 300, 7))
-    free[1:, :, 2:] = np.array([1.0, -1.0] * 4)[:, None, None]
-    predictive.surprise(question, [run], [Mock(noise=np.zeros(8))], [free])
+    free[1:] = np.array([1.0, -1.0] * 4)[:, None, None]
+    predictive.surprise(question, [run], [Mock(noise=np.zeros(8))], [free], wander)
     return dict(zip(("whole", "worst part"), seen[0][:, 0], strict=True))
 
 
@@ -50,6 +50,14 @@ def test_an_error_that_comes_and_goes_within_half_a_ship_length_is_averaged_away
     fast, slow = np.tile([2.0, 2.0, 0.0, -2.0, -2.0], 60), np.tile(np.repeat([2.0, -2.0], 5), 30)
     assert looks(monkeypatch, u_log=fast) == approx({"whole": 0.0, "worst part": 0.0}, abs=1e-9)
     assert looks(monkeypatch, u_log=slow) == approx({"whole": 2.0, "worst part": 2.0})
+
+
+def test_a_receiver_that_wanders_makes_an_error_of_positions_less_rare(monkeypatch):
+    """By the same draws of everything else; the headings stay."""
+    monkeypatch.setattr(predictive, "drawn_process", lambda rng, time, memory, shape: np.full((len(time), *shape), 3.0))
+    astray, still = ({"x": np.full(300, 2.0)} for _ in range(2))
+    alone = looks(monkeypatch, **still)["whole"]
+    assert looks(monkeypatch, (), ReceiverWander(1.0, 9.0, 60.0), **astray)["whole"] < alone
 
 
 def test_a_velocity_that_was_taken_from_positions_is_not_looked_at(monkeypatch):

@@ -8,21 +8,25 @@ import numpy as np
 import pandas as pd
 import pytest
 import torch
+from fleet import ship_named
 from pytest import approx
 from scipy.optimize import brentq
 from searches import fitted, found
-from trials import CIRCLE, SHIP, run_of, sailed
+from trials import CIRCLE, SHIP, run_of, sailed, values
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.core.units import DEGREE
-from manoeuvre_nn.diagnosis import advise, case, fits, forecast, formula, predictive, proof, windows
+from manoeuvre_nn.diagnosis import advise, case, fits, forecast, formula, manifest, predictive, proof, windows, words
 from manoeuvre_nn.diagnosis import claims as diagnosing
 from manoeuvre_nn.diagnosis import search as searching
+from manoeuvre_nn.diagnosis.decision import Decision
 from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.replay import integrate
 from manoeuvre_nn.effect.current import TidalCurrent
+from manoeuvre_nn.effect.depth import ShallowWater
 from manoeuvre_nn.effect.formula import library, mark_of
-from manoeuvre_nn.effect.rudder import RudderBacklash
+from manoeuvre_nn.effect.rudder import RudderBacklash, RudderOffset
+from manoeuvre_nn.effect.wind import WindOnset
 from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.estimation.hypothesis import NUMBER_OF_INTERVALS, FittedHypothesis, Hypothesis
 from manoeuvre_nn.ship.container import container
@@ -34,6 +38,40 @@ pytestmark = pytest.mark.usefixtures("unchecked_types")
 def test_without_held_out_runs_nothing_is_predicted_and_nothing_proved():
     question = Mock(dynamics=None, case=Mock(held_out=[], warmup=60.0))
     assert proof.prove(question, Mock(names=("current",)), Mock()) == []
+
+
+def test_without_held_out_runs_a_hypothesis_gains_nothing_by_them():
+    question, given = Mock(case=Mock(held_out=[], fitted=[Mock(meta={})])), fitted(3.0, "current")
+    there = proof.in_held_out_runs(question, given)
+    assert there.evidence == 0.0 and there.names == ("current",) and not there.hypothesis.unknowns()
+
+
+def test_particulars_of_a_manifest_are_brought_into_si_units():
+    ship = ship_named("mariner")
+    given = {
+        "displacement_t": 16000.0,
+        "calm_water_resistance_kN": 350.0,
+        "rudder_rate_deg_s": 3.0,
+        "nominal_rpm": 80.0,
+    }
+    p = manifest.adapted(ship, given).particulars
+    assert (p.displacement, p.resistance, p.rpm) == approx((16e6, 350e3, 80.0)) and p.rudder_rate == approx(3 * DEGREE)
+    assert manifest.adapted(ship, {}).particulars.displacement == approx(ship.particulars.displacement)
+
+
+def test_an_event_is_fitted_from_its_start_as_it_is_and_a_depth_in_a_form_that_suits_it():
+    """The form of an event is that of its published curve: its size was found with that."""
+    improved = Mock(improve=lambda start, level, scatter, rounds: (replace(start, campaigns=(0,)), 0.0))
+    for effect, suited in ((WindOnset(SHIP), False), (ShallowWater(SHIP), True), (RudderOffset(SHIP), False)):
+        start = Hypothesis((effect,), (values(effect),))
+        assert bool(fits._in_form(improved, start, 0, 0).campaigns) == suited
+
+
+def test_of_two_fits_of_the_same_effects_the_better_one_is_the_leader_that_rivals_are_told_from():
+    best, worse, rival = fitted(20.0, "current"), fitted(12.0, "current"), fitted(18.0, "log_scale")
+    verdict = Decision(True, False, 0.0, 0.0, {"current": 0.9, "log_scale": 0.2}, best, {})
+    (duel,) = words._duels(found(best, rival, worse), verdict, best, True)
+    assert duel[0] is best and duel[1] is rival
 
 
 def test_the_run_that_tells_most_stands_first(monkeypatch):

@@ -294,6 +294,8 @@ def test_the_steady_turn_is_the_one_that_the_ship_sails():
         (run,) = roll_out(CalmWater(ship), [turning_circle(35.0, duration=600.0)])
     rate, words = steady_turn(force, published(ship)[None], 35 * DEGREE)
     assert rate[0] == approx(run["r"][-1] * ship.particulars.time_unit, rel=2e-3) and words == "a turn to starboard"
+    none, said = steady_turn(force, 3 * published(ship)[None] * [n == (0, "u v v") or 1 for n in force.names], 3.0)
+    assert np.isnan(none).all() and said == "100 % of the draws find no steady turn"
     (*_, turn) = derived(force, published(ship), np.zeros((force.count,) * 2), approach_inertia(ship)).itertuples()
     assert turn.name == "r L/U0 at 35 deg of starboard rudder" and turn.value == approx(rate[0])
 
