@@ -48,12 +48,8 @@ def test_without_held_out_runs_a_hypothesis_gains_nothing_by_them():
 
 def test_particulars_of_a_manifest_are_brought_into_si_units():
     ship = ship_named("mariner")
-    given = {
-        "displacement_t": 16000.0,
-        "calm_water_resistance_kN": 350.0,
-        "rudder_rate_deg_s": 3.0,
-        "nominal_rpm": 80.0,
-    }
+    numbers = {"displacement_t": 16e3, "calm_water_resistance_kN": 350.0, "rudder_rate_deg_s": 3.0, "nominal_rpm": 80.0}
+    given = {"particulars": numbers}
     p = manifest.adapted(ship, given).particulars
     assert (p.displacement, p.resistance, p.rpm) == approx((16e6, 350e3, 80.0)) and p.rudder_rate == approx(3 * DEGREE)
     assert manifest.adapted(ship, {}).particulars.displacement == approx(ship.particulars.displacement)
