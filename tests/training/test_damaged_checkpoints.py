@@ -112,3 +112,15 @@ def test_a_whole_checkpoint_is_gone_on_with(tmp_path):
     tiny.train(fit, tmp_path / "out", max_epochs=3, resume=str(tmp_path / "a.ckpt"))
     tiny.train(again, tmp_path / "again", max_epochs=3)
     assert all((a == b).all() for a, b in zip(tiny.weights(fit), tiny.weights(again), strict=True))
+
+
+def test_an_archive_that_says_it_is_one_of_several_is_refused(tmp_path):
+    """A flipped bit in the locator of its directory: the library raises where it only asks whether it is an archive."""
+    path = tmp_path / "a.ckpt"
+    torch.save(stored("levenberg_marquardt"), path)
+    content = bytearray(path.read_bytes())
+    disks = content.rindex(b"PK\x06\x07") + 16
+    content[disks] ^= 2
+    path.write_bytes(bytes(content))
+    with pytest.raises(InputError, match=r"a\.ckpt cannot be read \(zipfiles that span multiple disks"):
+        load_weights(tiny.lm(), path)

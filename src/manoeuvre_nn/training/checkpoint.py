@@ -78,9 +78,9 @@ class _StoredRun(BaseModel):
 
 def _check_sums(path: Path) -> None:
     """Refuse a file that is not what was written: torch does not look at the checksums that its archives hold."""
-    if not zipfile.is_zipfile(path):  # torch itself refuses it, or reads an old form
-        return
     try:
+        if not zipfile.is_zipfile(path):  # torch itself refuses it, or reads an old form
+            return
         with zipfile.ZipFile(path) as archive:
             damaged = archive.testzip()
     except Exception as error:  # damaged archives end in whatever they happen to cause
