@@ -82,6 +82,25 @@ def test_sigterm_ends_with_143_and_is_what_it_was_before_afterwards(capsys):
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_that_compiled_code_may_not_raise_is_told_in_a_line(number, code, capsys):
+    """As scipy's Sobol points do it: they print it by the hook of what ends a program, then say that it is lost."""
+
+    def act():
+        try:
+            signal.raise_signal(number)
+        except KeyboardInterrupt as error:
+            sys.excepthook(type(error), error, error.__traceback__)
+
+    before = sys.excepthook
+    assert ended(act, capsys) == (code, "stopped by SIGTERM" if code == 143 else "stopped by ctrl-C")
+    assert sys.excepthook is before
+
+    with one_line():
+        sys.excepthook(ValueError, ValueError("of another kind"), None)
+    assert capsys.readouterr().err.strip() == "ValueError: of another kind"
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_that_comes_while_memory_is_freed_is_not_lost(number, code, capsys):
     class Freed:
         def __del__(self):

@@ -14,7 +14,7 @@ from collections.abc import Callable, Generator, Iterator
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from functools import partial
-from types import FrameType
+from types import FrameType, TracebackType
 from typing import Any, TextIO
 
 from manoeuvre_nn.core.errors import InputError
@@ -227,17 +227,25 @@ def _signals_raised() -> Generator[None]:
         return
     if not _ours():
         _came.clear()
-    unraisable = sys.unraisablehook
+    unraisable, printed = sys.unraisablehook, sys.excepthook
     before = {signal.SIGTERM: signal.signal(signal.SIGTERM, _raise_terminated)}
     if signal.getsignal(signal.SIGINT) in {_end_now, signal.default_int_handler}:
         before[signal.SIGINT] = signal.signal(signal.SIGINT, _raise_interrupted)
-    sys.unraisablehook = partial(_raise_again, unraisable)
+    sys.unraisablehook, sys.excepthook = partial(_raise_again, unraisable), partial(_print_unless_stopped, printed)
     try:
         yield
     finally:
-        sys.unraisablehook = unraisable
+        sys.unraisablehook, sys.excepthook = unraisable, printed
         for number, handler in before.items():
             signal.signal(number, handler or signal.SIG_DFL)
+
+
+def _print_unless_stopped(
+    printed: Callable[..., Any], kind: type[BaseException], error: BaseException, trace: TracebackType | None
+) -> None:
+    """Print an error unless it is a signal: compiled code that may not raise prints it, then says that it is lost."""
+    if not issubclass(kind, KeyboardInterrupt):
+        printed(kind, error, trace)
 
 
 def _raise_again(told: Callable[[Any], Any], lost: Any) -> None:
