@@ -11,6 +11,7 @@ import threading
 import time
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from tiers import mainly
@@ -90,6 +91,8 @@ def test_a_signal_that_compiled_code_may_not_raise_is_told_in_a_line(number, cod
             signal.raise_signal(number)
         except KeyboardInterrupt as error:
             sys.excepthook(type(error), error, error.__traceback__)
+            sys.unraisablehook(SimpleNamespace(exc_value=error))
+        time.sleep(20.0)
 
     before = sys.excepthook
     assert ended(act, capsys) == (code, "stopped by SIGTERM" if code == 143 else "stopped by ctrl-C")
