@@ -142,9 +142,9 @@ def one_line(explained: Callable[[BaseException], str | None] = explain) -> Gene
                 raise SystemExit(_stopped(cause)) from None
         if isinstance(error, BrokenPipeError) and _nobody_reads(sys.stdout):
             raise SystemExit(UNREAD) from None
-        line = explained(error)
-        if line is None and _came:
+        if _came:  # a library went on after it: what fails then, a class that was imported twice, fails because of it
             raise SystemExit(_stopped(_came[-1])) from None
+        line = explained(error)
         if line is not None:
             _tell(f"error: {line}")
             raise SystemExit(WRONG_INPUT) from None
