@@ -211,7 +211,7 @@ def test_what_a_library_makes_of_ctrl_c_is_still_ctrl_c(capsys):
 
 @pytest.mark.parametrize("fails", [
     ValueError("Invalid affine transformation matrix"),  # as matplotlib's C++ does
-    InputError("goal=accuracy asks an ensemble"),  # of a class that is imported twice, for hydra tries once more
+    InputError("goal=accuracy asks an ensemble"),  # as where a class was imported twice
 ])  # fmt: skip
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_signal_of_which_a_library_leaves_no_trace_is_still_told(number, code, fails, capsys):
