@@ -142,7 +142,7 @@ def one_line(explained: Callable[[BaseException], str | None] = explain) -> Gene
                 raise SystemExit(_stopped(cause)) from None
         if isinstance(error, BrokenPipeError) and _nobody_reads(sys.stdout):
             raise SystemExit(UNREAD) from None
-        if _came:  # a library went on after it: what fails then, a class that was imported twice, fails because of it
+        if _came:  # a library went on after it: what fails then may fail because of it
             raise SystemExit(_stopped(_came[-1])) from None
         line = explained(error)
         if line is not None:
