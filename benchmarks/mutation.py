@@ -56,6 +56,7 @@ NEIGHBOURS = {
         "studies/wang1996/test_stepwise.py",
     ],
     "recording": ["diagnosis/test_findings_weighed.py", "diagnosis/test_holes_bridged.py"],
+    "network": ["training/test_fits.py"],
     "numerics": ["estimation", "training"],
     "scoring": ["diagnosis", "training"],
     "effect": ["physics", "dynamics"],
@@ -63,6 +64,7 @@ NEIGHBOURS = {
     "dynamics": ["physics"],
 }
 """Rooms, and files of tests, that are asked as well: CI asks all."""
+OF_ALL_ROOMS = ("test_declared_numbers.py",)
 DECISIONS = 2 / 3
 """Share of a sample that are thresholds, bounds, priors and vetoes."""
 MOST_SURVIVORS = 0.10
@@ -154,7 +156,8 @@ def _sources(room: str) -> list[str]:
 def _test_files(rooms: list[str], tests: str) -> list[Path]:
     """Files of tests that may tell a slip in the rooms."""
     own = [room if room.startswith("studies/") else room.split("/")[0] for room in rooms]
-    folders = tests.split(",") if tests else [f for room in own for f in (room, *NEIGHBOURS.get(room, ()))]
+    of_rooms = [*OF_ALL_ROOMS, *(f for room in own for f in (room, *NEIGHBOURS.get(room, ())))]
+    folders = tests.split(",") if tests else of_rooms
     paths = [ROOT / "tests" / folder for folder in folders]
     return sorted({file for path in paths for file in ([path] if path.suffix else path.rglob("test_*.py"))})
 

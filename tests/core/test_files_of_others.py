@@ -92,6 +92,15 @@ def test_a_json_of_any_kind_ends_in_one_line(tmp_path, text):
     assert str(path) in refused(load_json, path)
 
 
+def test_a_whole_number_that_no_float_holds_is_refused(tmp_path):
+    """Of 1024 bits some round to 2^1024, which is infinite."""
+    path = tmp_path / "sent.yaml"
+    path.write_text(f"a: {2**1023 - 1}")
+    assert load_yaml(path) == {"a": 2**1023 - 1}
+    path.write_text(f"a: {2**1023}")
+    assert "larger than anything counts" in refused(load_yaml, path)
+
+
 def test_what_is_no_file_is_not_waited_for(tmp_path):
     assert "is no file" in refused(load_yaml, type(tmp_path)("/dev/zero"))
     assert "is a folder" in refused(load_json, tmp_path)

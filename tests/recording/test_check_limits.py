@@ -197,6 +197,14 @@ def test_a_channel_in_steps_of_a_fiftieth_of_its_range_is_noted_and_of_a_twelfth
     assert [f.verdict for f in found] == ([verdict] if verdict else [])
 
 
+@pytest.mark.parametrize("noise, verdict", [(0.3, "note"), (0.8, None)])
+def test_noise_of_half_a_step_leaves_averages_that_are_finer_than_the_step(noise, verdict):
+    run, step = turning(length=999.0), 0.1
+    rough = np.linspace(0.0, 3.0, len(run)) + noise * step * np.random.default_rng(1).standard_normal(len(run))
+    found = samples.quantized(run.with_channels(v=step * np.round(rough / step)), SHIP)
+    assert [f.verdict for f in found if "v" in f.channels] == ([verdict] if verdict else [])
+
+
 @pytest.mark.parametrize("jumps, rate, verdict", [(2, 1.6, "mend"), (1, 1.6, "ok"), (2, 1.4, "ok")])
 def test_a_rudder_that_twice_goes_half_as_fast_again_as_its_gear_is_an_order(jumps, rate, verdict):
     """Of 2.5 deg/s; small steps of less than 3 deg are none."""

@@ -140,6 +140,13 @@ def test_external_forces_meet_the_inertia_of_four_degrees_of_freedom(name):
     torch.testing.assert_close(torch.cat([nudot, own[1:]]), expected)
 
 
+@pytest.mark.parametrize("name", SHIPS)
+def test_surge_shares_no_inertia_with_sway_yaw_and_roll(name):
+    """Port and starboard are alike (Fossen 2011, section 7.5)."""
+    mass = SHIPS[name]().mass_matrix
+    assert not mass[0, 1:].any() and not mass[1:, 0].any()
+
+
 @pytest.mark.parametrize("make, given", [(container, {"gm": 1.0}), (naval_vessel, {"scale": 2.0})])
 def test_without_way_on_the_ship_rolls_with_its_natural_period(make, given):
     ship = make(**given)

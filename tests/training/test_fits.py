@@ -6,6 +6,11 @@ from levenberg import split
 
 from manoeuvre_nn.core.errors import InputError
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
+from manoeuvre_nn.network.hull_rudder import HullRudder
+from manoeuvre_nn.network.perceptron import Perceptron
+from manoeuvre_nn.network.radial import GeneralRegression, RadialBasis
+from manoeuvre_nn.network.recursive import RecursiveNetwork
+from manoeuvre_nn.network.series import Series
 from manoeuvre_nn.numerics.steepest_descent import RateSchedule, StoppingRules
 from manoeuvre_nn.training.fits import BackpropFit, LevenbergMarquardtFit
 
@@ -39,6 +44,12 @@ def test_levenberg_marquardt_identifies_the_mariner_in_few_epochs(tmp_path):
     trained, scorer = tiny.train(fit, tmp_path, data=data, max_epochs=20, every=20, keep="last")
     assert fit.relative_rmse(data.tuples.inputs, data.tuples.targets).max() < 0.01
     assert scorer.scores[0].dev_L < 0.05
+
+
+@pytest.mark.parametrize("network", [GeneralRegression, HullRudder, RadialBasis, RecursiveNetwork, Series])
+def test_a_network_that_has_a_fit_of_its_own_is_trained_by_no_other(network):
+    for fit in (BackpropFit, LevenbergMarquardtFit):
+        assert fit.trains(Perceptron) and not fit.trains(network)
 
 
 def test_relative_rmse_is_the_error_of_each_g_over_its_root_mean_square():

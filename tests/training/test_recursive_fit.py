@@ -95,6 +95,12 @@ def test_a_window_of_one_step_is_teacher_forcing():
     assert float(loss) == pytest.approx(float(error.square().mean()), rel=2e-3)  # a table is linear between its samples
 
 
+def test_what_has_no_weight_does_not_count():
+    """Velocities in turn, angles, and two of the track, which has a weight of its own."""
+    counted = windows(ship(), weights={"u": 1.0}).material.weights
+    assert len(counted) > 4 and float(counted[0]) == 1.0 and not counted[1:].any()
+
+
 @torch.no_grad()
 def test_what_is_beyond_the_end_of_a_run_does_not_count():
     made = windows(ship())
