@@ -6,7 +6,7 @@ table anew: ``python tests/test_declared_numbers.py``.
 
 import ast
 from collections.abc import Iterator
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -33,6 +33,8 @@ def in_figures(value: object) -> str:
         return in_figures(get_args(value)[1])
     if isinstance(value, dict):
         value = list(value.values())
+    if is_dataclass(value) and not isinstance(value, type):
+        value = [getattr(value, field.name) for field in fields(value)]
     parts = [in_figures(v) for v in value] if isinstance(value, tuple | list) else []
     return f"({', '.join(parts)})" if parts and all(parts) else ""
 

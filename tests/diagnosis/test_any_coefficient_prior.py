@@ -39,9 +39,10 @@ from manoeuvre_nn.estimation.prior_average import (
     gain_by_coefficient_priors,
     over_coefficient_priors,
 )
+from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
-LEVEL = 4
+LEVEL = PROCESS_LEVELS.point(0, 13)
 
 
 @cache
@@ -82,7 +83,10 @@ def test_the_gain_is_the_mean_over_runs_that_were_made_with_each_prior(own, spee
     each = [evidence(prior) for prior in COEFFICIENT_PRIORS]
     assert max(each) - min(each) > 0.5, "or any mean would do"
     assert gain_by_coefficient_priors(data_set, at) == approx(logsumexp(each) - np.log(16) - evidence(own), abs=0.05)
-    few, alone = [LEVEL, LEVEL + 1, LEVEL + 9], [evidence(p, [LEVEL], None) for p in (*COEFFICIENT_PRIORS, own)]
+    few, alone = (
+        [LEVEL, data_set.levels.point(4, 0), data_set.levels.point(7, 10)],
+        [evidence(p, [LEVEL], None) for p in (*COEFFICIENT_PRIORS, own)],
+    )
     each = [evidence(prior, few, None) for prior in COEFFICIENT_PRIORS]
     gained = logsumexp(each) - np.log(16) - evidence(own, few, None)
     assert gain_by_coefficient_priors(data_set, at, few, None) == approx(gained, abs=0.05)

@@ -19,7 +19,7 @@ from manoeuvre_nn.core.units import DEGREE
 from manoeuvre_nn.diagnosis.case import Case, Question
 from manoeuvre_nn.diagnosis.diagnose import diagnose
 from manoeuvre_nn.diagnosis.forecast import drawn_tables, known_of
-from manoeuvre_nn.diagnosis.gusts import _course, _without_gusts
+from manoeuvre_nn.diagnosis.gusts import _course, _courses, _gusts_of, _without_courses
 from manoeuvre_nn.diagnosis.words import left_open, summary_sentence
 from manoeuvre_nn.dynamics.base import Model, calm_accelerations, is_fitted
 from manoeuvre_nn.dynamics.model import CalmWater, IdentifiedShip
@@ -38,7 +38,7 @@ from manoeuvre_nn.estimation.marginal_likelihood import (
     log_prior_levels,
 )
 from manoeuvre_nn.estimation.model_corrections import USUAL_SCATTER
-from manoeuvre_nn.estimation.posterior import posterior
+from manoeuvre_nn.estimation.posterior import Posterior, posterior
 from manoeuvre_nn.estimation.prepared_run import FIRST_NOISE, LATENCY_SD, samples_a_state
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 from manoeuvre_nn.manoeuvre.turning import turning_circle
@@ -159,10 +159,18 @@ def held(effect) -> Hypothesis:
     return Hypothesis((effect,), (values,), frozenset(p.name for p in effect.declared))
 
 
+def without_gusts(likelihood: MarginalLikelihood, hypothesis: Hypothesis) -> Posterior:
+    """With the course of gusts integrated out."""
+    wind, kind = _gusts_of(hypothesis)
+    lin, courses = hypothesis_columns(likelihood.data_set, hypothesis), _courses(likelihood, hypothesis, wind, [kind])
+    (gram,), (norm,) = _without_courses(likelihood.data_set, lin, courses, [kind], LEVEL)
+    return likelihood.regress(gram, norm, hypothesis)
+
+
 def test_gusts_of_no_size_are_a_steady_wind(stands):
     likelihood, wind = MarginalLikelihood(stands[0]), {"speed": 12.0, "from_deg": 70.0}
     plain = likelihood.evidence_at(held(SteadyWind(CALM.ship, **wind)), LEVEL)
-    calm = _without_gusts(likelihood, held(GustyWind(CALM.ship, **wind, gust_sd=1e-4)), [LEVEL])[LEVEL]
+    calm = without_gusts(likelihood, held(GustyWind(CALM.ship, **wind, gust_sd=1e-4)))
     assert calm.evidence.max() == approx(plain, abs=1e-3)
 
 
@@ -200,7 +208,7 @@ def test_a_course_that_is_integrated_out_is_one_with_free_amplitudes(stands):
         COEFFICIENT_SD_LEVELS,
         stand.combinations,
     )
-    at_level = _without_gusts(likelihood, hypothesis, [LEVEL])[LEVEL]
+    at_level = without_gusts(likelihood, hypothesis)
     assert at_level.evidence == approx(found.evidence, abs=1e-3)
 
 

@@ -39,8 +39,8 @@ def test_gusts_may_be_twice_as_large_or_half_as_large_as_they_were_found_and_las
     """Where the runs ask for the end of what is tried: e^.75 = 2.1 times 2 m/s, or over it; 60 s, or 15."""
     monkeypatch.setattr(gusts, "MarginalLikelihood", lambda data_set: data_set)
     monkeypatch.setattr(gusts, "beside", lambda likelihood, h: likelihood)
-    monkeypatch.setattr(gusts, "_levels_beside", lambda data_set, fitted: [0])
-    monkeypatch.setattr(gusts, "_at_kinds", lambda likelihood, h, wind, kinds, levels: [
+    monkeypatch.setattr(gusts, "_level_beside", lambda data_set, fitted: 0)
+    monkeypatch.setattr(gusts, "_at_kinds", lambda likelihood, h, wind, kinds, *levels: [
         found(1e4 * (larger * np.log(kind.size) + longer * np.log(kind.memory))) for kind in kinds
     ])  # fmt: skip
     there = gusts.averaged_over_gusts(SimpleNamespace(dynamics=CALM), found(7.0))
@@ -52,8 +52,8 @@ def test_gusts_may_be_twice_as_large_or_half_as_large_as_they_were_found_and_las
 def test_where_runs_do_not_tell_gusts_stay_as_lasting_as_is_usual_and_their_size_is_uncertain_by_half(monkeypatch):
     monkeypatch.setattr(gusts, "MarginalLikelihood", lambda data_set: data_set)
     monkeypatch.setattr(gusts, "beside", lambda likelihood, h: likelihood)
-    monkeypatch.setattr(gusts, "_levels_beside", lambda data_set, fitted: [0])
-    monkeypatch.setattr(gusts, "_at_kinds", lambda likelihood, h, wind, kinds, levels: [found() for _ in kinds])
+    monkeypatch.setattr(gusts, "_level_beside", lambda data_set, fitted: 0)
+    monkeypatch.setattr(gusts, "_at_kinds", lambda likelihood, h, wind, kinds, *levels: [found() for _ in kinds])
     there = gusts.averaged_over_gusts(SimpleNamespace(dynamics=CALM), replace(found(), evidence=7.0))
     told = dict(zip((p.name for p in WIND.declared), there.hypothesis.values[0][0], strict=True))
     size, error = there.random["gust_sd"]

@@ -114,8 +114,9 @@ def test_judging_outward_from_one_level_is_the_sum_over_all_levels(name):
         judged = likelihood.evaluate(NONE, around=around)
         assert judged.evidence == approx(logsumexp(whole + prior), abs=0.05)
         assert judged.best == np.unravel_index(np.argmax(whole + prior), whole.shape)
-        seen = np.isfinite(judged.by_level)
-        assert judged.by_level[seen] == approx(whole[seen]) and not seen.all()
+        counts = whole + prior > (whole + prior).max() - 4.6
+        assert judged.by_level[counts] == approx(whole[counts], abs=0.1)
+        assert not np.isfinite(judged.by_level).all(), "nor is every level looked at"
 
 
 def test_an_effect_at_zero_is_calm_water():

@@ -124,7 +124,7 @@ def test_a_late_receiver_is_late_with_what_its_antenna_shows():
     held = Hypothesis((arm,), (values(arm),), fixed=frozenset({"dx_m", "dy_m"}))
     found = MarginalLikelihood(data_set).evaluate(held)
     there = refined(data_set, found)
-    late, finer = there.runs[0], noise_average.finer(there, 30.0).runs[0]
+    late, finer = there.runs[0], noise_average.with_time(there, 30.0).runs[0]
     track, step = late.linearised.track, late.linearised.run.step
     r, psi, path = track[:, 2], track[:, 5], shown(track)
     for channel, of_antenna in ((0, 40 * np.cos(psi)), (2, -40 * r * np.sin(psi))):

@@ -127,7 +127,7 @@ def test_a_run_never_tells_less_and_the_most_telling_stands_first():
 def test_five_times_the_noise_leaves_a_twenty_fifth(monkeypatch):
     """Noise of all kinds and errors of coefficients."""
     monkeypatch.setattr("manoeuvre_nn.diagnosis.advise.COEFFICIENT_SD_LEVELS", (0.002, 0.01))
-    assert PROCESS_LEVELS.sizes[1] == approx(5 * PROCESS_LEVELS.sizes[0])
+    assert PROCESS_LEVELS.sizes[4] == approx(5 * PROCESS_LEVELS.sizes[0])
     place = stand("zigzag", WIND)
     worse = [replace(p, noise=5 * p.noise) for p in place.runs]
     loud = [{**p.linearised.run.meta, "rudder_noise": 5 * p.linearised.run.meta["rudder_noise"]} for p in worse]
@@ -138,7 +138,7 @@ def test_five_times_the_noise_leaves_a_twenty_fifth(monkeypatch):
     again = [about_states(CALM, p, p.linearised.track) for p in worse]
     pair = (judged(WIND).hypothesis, judged(RudderOffset(SHIP, offset_deg=1.0)).hypothesis)
     much = apart(place, *pair, (0, 0))
-    little = apart(WhitenedDataSet(CALM, again), *pair, (PROCESS_LEVELS.point(1, 1), 1))
+    little = apart(WhitenedDataSet(CALM, again), *pair, (PROCESS_LEVELS.point(4, 4), 1))
     assert much / little == approx(25.0, rel=0.15) and little > 0.01
 
 
@@ -322,7 +322,7 @@ def test_a_weak_candidate_is_told_from_calm_water():
 
 
 def test_the_runner_up_is_told_with_what_speaks_for_and_against_it():
-    first, second = judged(CURRENT, evidence=30.0), judged(COMPASS, evidence=9.0, best=(12, 1))
+    first, second = judged(CURRENT, evidence=30.0), judged(COMPASS, evidence=9.0, best=(PROCESS_LEVELS.point(7, 7), 1))
     tried = search(first, judged(CURRENT, WIND, evidence=29.0), second)
     assert runner_up(tried, verdict(first)) == [
         "For a compass error: it explains the recordings better than calm water by 9.0 in log evidence.",

@@ -14,9 +14,9 @@ from manoeuvre_nn.estimation import noise_average
 from manoeuvre_nn.estimation.data_set import WhitenedDataSet
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
-from manoeuvre_nn.estimation.noise_average import BETWEEN, averaged, finer
+from manoeuvre_nn.estimation.noise_average import averaged, with_time
 from manoeuvre_nn.estimation.prepared_run import prepared_run
-from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, ProcessLevels
+from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, QUIET_SIZE, ProcessLevels
 
 pytestmark = pytest.mark.usefixtures("unchecked_types")
 
@@ -61,16 +61,18 @@ def test_directions_are_averaged_the_shorter_way_round(of_times):
     assert found.errors[1] == approx(np.sqrt(1 + 6.0))
 
 
-def test_at_the_usual_levels_and_time_nothing_changes():
+def test_at_the_usual_time_nothing_changes():
     stood = stand("wind")
-    usual, there = MarginalLikelihood(stood), MarginalLikelihood(finer(stood, stood.process_time))
-    sizes = there.data_set.levels.sizes
-    assert set(sizes) == {*PROCESS_LEVELS.sizes, *BETWEEN}
-    assert sizes[1] ** 2 == approx(sizes[0] * sizes[2])
+    usual, there = MarginalLikelihood(stood), MarginalLikelihood(with_time(stood, stood.process_time))
     h = hypothesis(SteadyWind(SHIP, speed=10.0, from_deg=60.0))
     for level in (0, LEVEL, 13):
-        fine = 2 * (level // 5) * len(sizes) + 2 * (level % 5)
-        assert there.evidence_at(h, fine) == approx(usual.evidence_at(h, level), abs=1e-6)
+        assert there.evidence_at(h, level) == approx(usual.evidence_at(h, level), abs=1e-6)
+
+
+def test_levels_of_the_noise_lie_no_further_apart_than_comparisons_bear():
+    """At a level that is off by the root of a step a gain of 10 is told as 6.7 to 15, not as 3 to 33."""
+    steps = np.array(PROCESS_LEVELS.sizes[1:]) / PROCESS_LEVELS.sizes[:-1]
+    assert 1.4 < steps.min() <= steps.max() < 1.52
 
 
 def test_what_goes_on_longer_leaves_a_constant_effect_less_certain():
@@ -82,7 +84,7 @@ def test_what_goes_on_longer_leaves_a_constant_effect_less_certain():
     errors = []
     h = hypothesis(PropellerPitchError(SHIP, fraction=0.15))
     for time in (2.0, 8.0):
-        likelihood = MarginalLikelihood(finer(stood, time))
+        likelihood = MarginalLikelihood(with_time(stood, time))
         largest = likelihood.data_set.levels.sizes.index(0.5)
         level = likelihood.data_set.levels.point(largest, largest)
         errors.append(np.sqrt(likelihood.posterior(likelihood.columns(h), level).covariance(0)[-1, -1]))
@@ -100,13 +102,43 @@ def test_a_fitted_wind_stays_within_its_errors():
 
 
 def test_the_grid_of_process_noise_is_numbered_row_by_row_and_has_neighbours():
-    """Of three sizes: 0 1 2 / 3 4 5 / 6 7 8, a row for each size in surge."""
+    """Of three sizes: 0 1 2 / 3 4 5 / 6 7 8, a row for each size in surge; the second is the last quiet one."""
     grid, unit = ProcessLevels((0.1, 0.2, 0.4)), np.array([10.0, 1.0, 2.0, 3.0])
     assert len(grid) == 9 and [grid.point(*grid.at(g)) for g in range(9)] == list(range(9))
     assert grid[5].tolist() == [0.2, 0.4] and grid.sd(5, unit) == approx([2.0, 0.4, 0.8, 1.2])
-    assert grid.around(4) == list(range(9)) and grid.around(0) == [0, 1, 3, 4] and grid.around(5) == [1, 2, 4, 5, 7, 8]
-    assert grid.beside(4) == [1, 3, 4, 5, 7] and grid.beside(8) == [5, 7, 8]
-    assert (grid.quiet(8), grid.quiet(6), grid.quiet(1)) == (4, 3, 1) and grid.point(9, 1) == 7
+    assert grid.beside(4) == [1, 3, 4, 5, 7] and grid.beside(8) == [5, 7, 8] and grid.beside(3) == [0, 3, 4, 6]
+    assert [grid.largest(size) for size in (0.05, 0.1, 0.39, 0.4, 7.0)] == [0, 0, 1, 2, 2] and grid.point(9, 1) == 7
+    low = ProcessLevels((0.5 * QUIET_SIZE, QUIET_SIZE, 2 * QUIET_SIZE))
+    assert (low.quiet(8), low.quiet(6), low.quiet(1)) == (4, 3, 1) and grid.quiet(8) == 0
+
+
+def test_levels_are_taken_on_until_the_best_is_surrounded_by_worse_ones():
+    """On a hill about the point (2, 5) of eight by eight; no point is asked for twice."""
+    grid, asked = ProcessLevels(tuple(0.01 * 1.5**k for k in range(8))), []
+
+    def height(point):
+        asked.append(point)
+        row, column = grid.at(point)
+        return -float((row - 2) ** 2 + (column - 5) ** 2)
+
+    known = grid.uphill(grid.point(6, 1), height)
+    assert max(known, key=known.get) == grid.point(2, 5) and {*grid.beside(grid.point(2, 5))} <= {*known}
+    assert sorted(asked) == sorted(known) and len(known) < 35
+    assert sorted(grid.uphill(0, lambda point: -5.0 * point)) == grid.beside(0)
+    flat = grid.uphill(grid.point(3, 3), lambda point: 0.0)
+    assert len(flat) == 15, "all in the row and the column of the first: none weighs less"
+
+
+def test_what_was_not_looked_at_is_as_if_surge_and_the_rest_only_added_up():
+    """Of three by three sizes the middle row and column are known; 1 + 10 in row and column."""
+    grid, whole = ProcessLevels((0.1, 0.2, 0.4)), np.add.outer([0.0, 1.0, 0.5], [0.0, 10.0, 2.0]).reshape(9, 1)
+    known = np.where(np.isin(np.arange(9), grid.beside(4))[:, None], whole, -np.inf)
+    assert grid.filled(known) == approx(whole)
+    other = np.where(np.isfinite(known), 5.0, known)
+    other[4] = 1.0  # at another level of what is summed over: there they do not add up to 5 + 5 - 1
+    assert grid.filled(np.hstack([known, other]))[0].tolist() == [0.0, 1.0]
+    known[3] = -np.inf  # then nothing is known of the first column
+    assert np.isneginf(grid.filled(known)[[0, 3, 6]]).all() and grid.filled(known)[[2, 8]] == approx(whole[[2, 8]])
 
 
 @pytest.mark.parametrize("behind, direction, error", [

@@ -62,9 +62,9 @@ def test_it_is_trained_at_low_noise_beside_what_was_found_which_would_take_its_p
     )
     point = PROCESS_LEVELS.point
     for fitted in (FOUND, replace(FOUND, hypothesis=Hypothesis((), ()))):
-        found = with_remainder(likelihood, replace(fitted, best=(point(3, 1), scatter)))
+        found = with_remainder(likelihood, replace(fitted, best=(point(9, 1), scatter)))
         ((trained, *how),) = asked
-        assert found == (trained, point(1, 1)) and how == [point(1, 1), used, 12]
+        assert found == (trained, point(4, 1)) and how == [point(4, 1), used, 12]
         assert trained.names == (*fitted.names, "remainder") and len(trained.values[-1]) == 2
         asked.clear()
 

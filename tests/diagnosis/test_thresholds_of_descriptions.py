@@ -11,7 +11,7 @@ import torch
 from pytest import approx
 from scipy.stats import chi2, norm
 from searches import fitted, found
-from trials import CALM, SHIP, values
+from trials import SHIP, values
 
 from manoeuvre_nn.diagnosis import causes, gusts, locate, predictive, unknown, words
 from manoeuvre_nn.diagnosis.decision import Decision
@@ -21,8 +21,6 @@ from manoeuvre_nn.diagnosis.unknown import ReceiverWander
 from manoeuvre_nn.effect.common import RAMP
 from manoeuvre_nn.effect.current import Current
 from manoeuvre_nn.effect.formula import Formula
-from manoeuvre_nn.estimation.corrections import CoefficientPrior
-from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, ProcessLevels
 
@@ -62,35 +60,32 @@ def test_a_network_is_tried_where_more_than_a_hundredth_is_left(level, left):
     assert is_left(found(levels=[(0.0, level)]).likelihood, fitted(0.0)) is left
 
 
-def test_something_unknown_is_averaged_over_noise_near_calm_waters_and_its_formula_is_half_of_it(monkeypatch):
-    """Equal evidence at every level of the grid: eleven levels near, of those that there are."""
-    data_set = SimpleNamespace(
-        levels=PROCESS_LEVELS, runs=instruments(1.0).runs, dynamics=CALM, coefficient_prior=CoefficientPrior()
-    )
-    likelihood = SimpleNamespace(
-        data_set=data_set, posterior=lambda h, g: SimpleNamespace(evidence=np.full(len(COEFFICIENT_SD_LEVELS), 7.0))
-    )
-    inside, corner = fitted(0.0, best=(PROCESS_LEVELS.point(1, 1), 0)), fitted(0.0, best=(0, 0))
-    assert unknown.unknown_evidence(likelihood, inside, None) == approx(7.0 + np.log(11 / len(PROCESS_LEVELS) / 2))
-    assert unknown.unknown_evidence(likelihood, corner, None) == approx(7.0 + np.log(6 / len(PROCESS_LEVELS) / 2))
-    exact = np.where(np.arange(len(COEFFICIENT_SD_LEVELS)) == 0, 7.0, -np.inf)
-    there = SimpleNamespace(data_set=data_set, posterior=lambda h, g: SimpleNamespace(evidence=exact))
-    rare = 3.0 + np.log(6 / len(PROCESS_LEVELS) / 2)
-    assert unknown.unknown_evidence(there, corner, None) < rare, "coefficients are as seldom exact as in calm water"
+def test_something_unknown_is_calm_water_with_any_process_noise_and_its_formula_is_half_of_it(monkeypatch):
+    """With process noise of any size, as likely one as another, calm water has a log evidence of 7."""
+    data_set, judged = instruments(1.0), []
+    data_set.levels = PROCESS_LEVELS
+
+    def evaluate(hypothesis, process_prior, around):
+        judged.append((hypothesis.effects, process_prior, around))
+        return fitted(7.0, best=(0, 0))
+
+    likelihood, inside = SimpleNamespace(data_set=data_set, evaluate=evaluate), fitted(0.0, best=(16, 0))
+    assert unknown.unknown_evidence(likelihood, inside, None) == approx(7.0 - np.log(2))
+    assert judged == [((), None, 16)]
     with_rule = unknown.unknown_evidence(likelihood, inside, fitted(9.0))
-    assert with_rule == approx(np.log(np.exp(7.0) * 11 / len(PROCESS_LEVELS) + np.exp(9.0)) - np.log(2))
+    assert with_rule == approx(np.logaddexp(7.0, 9.0) - np.log(2))
     # What has no rule may be loose in all equations or random in one.
     at_random = unknown.unknown_evidence(likelihood, inside, None, random=SimpleNamespace(evidence=12.0))
-    assert at_random == approx(np.log(np.exp(7.0) * 11 / len(PROCESS_LEVELS) + np.exp(12.0)) - np.log(4))
+    assert at_random == approx(np.logaddexp(7.0, 12.0) - np.log(4))
     all_three = unknown.unknown_evidence(likelihood, inside, fitted(9.0), random=SimpleNamespace(evidence=12.0))
     assert all_three == approx(np.logaddexp(at_random, 9.0 - np.log(2)))
     # By any prior of coefficients it gains what it gains beyond calm water; the formula's evidence is weighed already.
     asked = []
     monkeypatch.setattr(unknown, "gain_by_coefficient_priors", lambda data_set, *how: asked.append(how) or -0.5)
-    weighed = unknown.unknown_evidence(likelihood, corner, fitted(9.0), calm=-2.0)
-    assert weighed == approx(np.log(np.exp(8.5) * 6 / len(PROCESS_LEVELS) + np.exp(9.0)) - np.log(2))
+    weighed = unknown.unknown_evidence(likelihood, inside, fitted(9.0), calm=-2.0)
+    assert weighed == approx(np.logaddexp(8.5, 9.0) - np.log(2))
     ((about, levels, process_prior),) = asked
-    assert about is corner and len(levels) == 6 and process_prior is None
+    assert about is inside and levels == PROCESS_LEVELS.beside(0) and process_prior is None
 
 
 @pytest.mark.parametrize("gain, axes", [(2.8, (2,)), (3.2, (2, 0))])
@@ -122,24 +117,21 @@ WINDS = [  # whether the ship is a model, evidence of each round -> rounds
 
 @pytest.mark.parametrize("is_model, evidences, rounds", WINDS)
 def test_gusts_are_fitted_as_long_as_the_mean_wind_gains_by_them(monkeypatch, is_model, evidences, rounds):
-    """And only where little coloured force competes with them: below six hundredths."""
+    """From where little coloured force competes with them."""
     seen = []
 
-    def tried(likelihood, hypothesis, wind, kinds, levels):
-        seen.append((len(kinds), levels))
+    def tried(likelihood, hypothesis, wind, kinds, level):
+        seen.append((len(kinds), level))
         return [(fitted(evidences[len(seen) - 1]), "size")]
 
     monkeypatch.setattr(gusts, "_tried", tried)
     monkeypatch.setattr(gusts, "_chosen", lambda found, wind, gusty: found)
     monkeypatch.setattr(gusts, "is_fitted", lambda dynamics: False)
-    dynamics, levels = (
-        SimpleNamespace(particulars=SimpleNamespace(is_model=is_model)),
-        ProcessLevels((0.01, 0.058, 0.062)),
-    )
+    dynamics, levels = SimpleNamespace(particulars=SimpleNamespace(is_model=is_model)), ProcessLevels((0.01, 0.02, 0.5))
     likelihood = SimpleNamespace(data_set=SimpleNamespace(dynamics=dynamics, levels=levels))
-    steady = SimpleNamespace(names=("wind_steady", "other"), hypothesis=None, best=(0, 0))
+    steady = SimpleNamespace(names=("wind_steady", "other"), hypothesis=None, best=(levels.point(2, 1), 0))
     gusts.fitted_gusts(likelihood, steady, SimpleNamespace(variant_of="wind_steady"))
-    assert len(seen) == rounds and seen[0] == (12 if is_model else 6, [0, 1, 3, 4])
+    assert len(seen) == rounds and seen[0] == (12 if is_model else 6, levels.point(0, 0))
 
 
 # What is said --------------------------------------------------------------------------------------------------------

@@ -45,7 +45,7 @@ ON_PONDS = tuple(_Gusts(share, memory, 1.0) for memory in (10.0, 5.0) for share 
 KNOTS = 3.0
 """Knots of their course in a correlation time."""
 MAX_PROCESS_BESIDE_GUSTS = 0.06
-"""Process noise from which it would only compete with gusts, unless the model was fitted and may lack any force."""
+"""Largest process noise beside gusts: more would only compete with them."""
 ROUNDS = 3
 """Fits of the mean wind with gusts, at most: they leave it less to explain than it had alone."""
 MIN_GAIN_OF_ROUND = 0.5
@@ -71,7 +71,7 @@ def fitted_gusts(likelihood: MarginalLikelihood, steady: FittedHypothesis, gusty
     """
     ship = likelihood.data_set.dynamics.particulars
     wind, kinds = steady.names.index(gusty.variant_of), AT_SEA + ON_PONDS if ship.is_model else AT_SEA
-    levels = _levels_beside(likelihood.data_set, steady)
+    level = _level_beside(likelihood.data_set, steady)
     # On ponds gusts are larger than the mean, which four sides do not find either.
     alone = len(steady.names) == 1 and not ship.is_model
     sides = from_four_sides(steady.hypothesis) if alone else []
@@ -80,8 +80,8 @@ def fitted_gusts(likelihood: MarginalLikelihood, steady: FittedHypothesis, gusty
     def best(found: list[tuple[FittedHypothesis, _Gusts]]) -> FittedHypothesis:
         return max((j for j, _ in found), key=lambda j: j.evidence)
 
-    found = max((_tried(likelihood, h, wind, kinds, levels) for h in starts), key=lambda some: best(some).evidence)
-    found = _repeated(lambda h: _tried(likelihood, h, wind, kinds, levels), found, best)
+    found = max((_tried(likelihood, h, wind, kinds, level) for h in starts), key=lambda some: best(some).evidence)
+    found = _repeated(lambda h: _tried(likelihood, h, wind, kinds, level), found, best)
     return _chosen(found, wind, gusty)
 
 
@@ -138,7 +138,7 @@ def averaged_over_gusts(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> 
         for longer in OTHER_MEMORIES
         for factor in OTHER_SIZES
     ]
-    found = _at_kinds(likelihood, h, wind, kinds, _levels_beside(data_set, fitted))
+    found = _at_kinds(likelihood, h, wind, kinds, _level_beside(data_set, fitted), _most_beside(data_set))
     mixed, weights = weighted_mean(fitted, found)
     sizes = np.array([kind.size for kind in kinds])
     size, memory = float(weights @ sizes), float(np.exp(weights @ np.log([kind.memory for kind in kinds])))
@@ -180,48 +180,54 @@ def gusty_evidence(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level
 
 def _with_gusts(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int) -> FittedHypothesis:
     """A hypothesis with a gusty wind after a linear step from its values, process noise about a level summed out."""
-    known = _without_gusts(likelihood, hypothesis, likelihood.data_set.levels.around(level))
-    return likelihood.over_levels(hypothesis, known, log_prior_levels(likelihood.data_set, PROCESS_PRIOR))
-
-
-def _without_gusts(
-    likelihood: MarginalLikelihood, hypothesis: Hypothesis, levels: Sequence[int]
-) -> dict[int, Posterior]:
-    """Posterior at levels of the process noise of a hypothesis with a gusty wind; its course is integrated out."""
     wind, kind = _gusts_of(hypothesis)
-    lin = hypothesis_columns(likelihood.data_set, hypothesis)
-    grams, norms = _without_course(likelihood, lin, wind, [kind], levels)
-    return {g: likelihood.regress(grams[0, k], norms[0, k], hypothesis) for k, g in enumerate(levels)}
+    return _at_kinds(likelihood, hypothesis, wind, [kind], level)[0]
 
 
 def _tried(
-    likelihood: MarginalLikelihood, hypothesis: Hypothesis, wind: int, kinds: Sequence[_Gusts], levels: Sequence[int]
+    likelihood: MarginalLikelihood, hypothesis: Hypothesis, wind: int, kinds: Sequence[_Gusts], level: int
 ) -> list[tuple[FittedHypothesis, _Gusts]]:
     """The hypothesis with gusts of every kind, their sizes in m/s."""
     least = float(likelihood.data_set.dynamics.particulars.sized([1.0], [0.5])[0])
     mean = max(_mean_speed(hypothesis, wind), least)
     sizes = [replace(kind, size=kind.size * mean) for kind in kinds]
-    return list(zip(_at_kinds(likelihood, hypothesis, wind, sizes, levels), sizes, strict=True))
+    most = _most_beside(likelihood.data_set)
+    return list(zip(_at_kinds(likelihood, hypothesis, wind, sizes, level, most), sizes, strict=True))
 
 
 def _at_kinds(
-    likelihood: MarginalLikelihood, hypothesis: Hypothesis, wind: int, kinds: Sequence[_Gusts], levels: Sequence[int]
+    likelihood: MarginalLikelihood,
+    hypothesis: Hypothesis,
+    wind: int,
+    kinds: Sequence[_Gusts],
+    level: int,
+    most: float = np.inf,
 ) -> list[FittedHypothesis]:
-    """The hypothesis after a linear step, with gusts of every kind, at levels of the process noise beside them."""
-    grams, norms = _without_course(likelihood, hypothesis_columns(likelihood.data_set, hypothesis), wind, kinds, levels)
-    prior = log_prior_levels(likelihood.data_set, PROCESS_PRIOR)
-    found = []
-    for gram, norm in zip(grams, norms, strict=True):
-        known = {g: likelihood.regress(gram[k], norm[k], hypothesis) for k, g in enumerate(levels)}
-        found.append(likelihood.over_levels(hypothesis, known, prior))
-    return found
+    """The hypothesis after a linear step, with gusts of every kind; process noise, from a level on, is summed out."""
+    data_set, lin = likelihood.data_set, hypothesis_columns(likelihood.data_set, hypothesis)
+    prior, courses = log_prior_levels(data_set, PROCESS_PRIOR), _courses(likelihood, hypothesis, wind, kinds)
+    known: dict[int, list[Posterior]] = {}
+
+    def score(at: int) -> float:
+        if data_set.levels[at].max() > most:
+            return -np.inf
+        grams, norms = _without_courses(data_set, lin, courses, kinds, at)
+        known[at] = [likelihood.regress(*both, hypothesis) for both in zip(grams, norms, strict=True)]
+        return max(float((found.evidence + prior[at]).max()) for found in known[at])
+
+    data_set.levels.uphill(level, score)
+    each = [{at: found[k] for at, found in known.items()} for k in range(len(kinds))]
+    return [likelihood.over_levels(hypothesis, of_kind, prior) for of_kind in each]
 
 
-def _levels_beside(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> list[int]:
-    """Levels of the process noise that gusts are tried beside: small ones, or those about a fitted model's."""
-    if is_fitted(data_set.dynamics):
-        return data_set.levels.around(fitted.best[0])
-    return [int(g) for g in np.flatnonzero(data_set.levels.pairs.max(axis=1) < MAX_PROCESS_BESIDE_GUSTS)]
+def _most_beside(data_set: WhitenedDataSet) -> float:
+    """Largest process noise that gusts are tried beside; a fitted model may lack any force."""
+    return np.inf if is_fitted(data_set.dynamics) else MAX_PROCESS_BESIDE_GUSTS
+
+
+def _level_beside(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> int:
+    """Level of the process noise from which on gusts are tried: a small one, or a fitted model's."""
+    return fitted.best[0] if is_fitted(data_set.dynamics) else data_set.levels.quiet(fitted.best[0])
 
 
 def _gusts_of(hypothesis: Hypothesis) -> tuple[int, _Gusts]:
@@ -237,28 +243,34 @@ def _mean_speed(hypothesis: Hypothesis, wind: int) -> float:
     return float(hypothesis.values[wind][0, names.index("speed")])
 
 
-def _without_course(
-    likelihood: MarginalLikelihood, lin: HypothesisColumns, wind: int, kinds: Sequence[_Gusts], levels: Sequence[int]
-) -> tuple[Float[np.ndarray, "k g p p"], Float[np.ndarray, "k g"]]:
-    """Inner products and normalisers with the gusts' course integrated out."""
-    data_set = likelihood.data_set
-    size = data_set.size + lin.count
-    grams, norms = np.zeros((len(kinds), len(levels), size, size)), np.zeros((len(kinds), len(levels)))
-    norms += [data_set.at(level).norm for level in levels]
+_Courses = list[dict[tuple[float, float], Columns]]
+"""Of each run, what gusts of every correlation time and share across add."""
+
+
+def _courses(likelihood: MarginalLikelihood, hypothesis: Hypothesis, wind: int, kinds: Sequence[_Gusts]) -> _Courses:
+    """What the courses of all gusts add to each run."""
+    runs, forms = range(len(likelihood.data_set.runs)), {(kind.memory, kind.across) for kind in kinds}
+    return [{form: _course(likelihood, hypothesis, wind, run, *form) for form in forms} for run in runs]
+
+
+def _without_courses(
+    data_set: WhitenedDataSet, lin: HypothesisColumns, courses: _Courses, kinds: Sequence[_Gusts], level: int
+) -> tuple[Float[np.ndarray, "k p p"], Float[np.ndarray, " k"]]:
+    """Inner products and normalisers at a level of the process noise with the gusts' course integrated out."""
+    size, here = data_set.size + lin.count, data_set.at(level)
+    grams, norms = np.zeros((len(kinds), size, size)), np.full(len(kinds), here.norm)
     for run, (c, at) in enumerate(zip(lin.columns, lin.index, strict=True)):
         where = np.concatenate([data_set.base_index(run), data_set.size + at])
-        forms = {(k.memory, k.across) for k in kinds}
-        courses = {form: _course(likelihood, lin.hypothesis, wind, run, *form) for form in forms}
-        for g, level in enumerate(levels):
-            white, base = data_set.at(level).white[run], data_set.at(level).base[run]
-            both, loose = base.joined(white.embed(c)), {form: white.embed(course) for form, course in courses.items()}
-            whole = lin.turn(run, both.dot(both), gram=True)
-            inner = {form: (e.dot(e), lin.turn(run, both.dot(e)).T) for form, e in loose.items()}
-            for k, kind in enumerate(kinds):
-                own, cross = inner[kind.memory, kind.across]
-                left, norm = without_course(whole, own, cross, kind.size)
-                grams[k, g][np.ix_(where, where)] += left
-                norms[k, g] += norm
+        white = here.white[run]
+        both = here.base[run].joined(white.embed(c))
+        loose = {form: white.embed(course) for form, course in courses[run].items()}
+        whole = lin.turn(run, both.dot(both), gram=True)
+        inner = {form: (e.dot(e), lin.turn(run, both.dot(e)).T) for form, e in loose.items()}
+        for k, kind in enumerate(kinds):
+            own, cross = inner[kind.memory, kind.across]
+            left, norm = without_course(whole, own, cross, kind.size)
+            grams[k][np.ix_(where, where)] += left
+            norms[k] += norm
     return grams, norms
 
 

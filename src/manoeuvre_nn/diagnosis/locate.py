@@ -24,6 +24,8 @@ BIN = 10.0
 MIN_SCATTER = 0.1
 """Least scatter of these means over a force's standard error: less is not that of noise, but of exact recordings, in
 which a force of a hundredth of its standard error would stand out."""
+LARGE = 0.15
+"""Process noise that stands for something missing in an equation, over the resistance and 20 deg of rudder."""
 MAX_PROCESS_NOISE = 0.5
 """Process noise that leaves the missing force to the data alone, over the resistance and 20 deg of rudder."""
 POSITION = slice(3, 5)
@@ -194,7 +196,8 @@ def _level_pieces(z: Float[np.ndarray, "n k"], least: int, penalty: float) -> li
 
 def sites(tried: SearchResult) -> dict[str, float]:
     """Site -> log Bayes factor over calm water of process noise in some equations, or of the best effect there."""
-    grid, large = tried.likelihood.data_set.levels, len(tried.likelihood.data_set.levels.sizes) - 2
+    grid = tried.likelihood.data_set.levels
+    large = grid.largest(LARGE)
     points = {"surge": grid.point(large, 0), "sway and yaw": grid.point(0, large)}
     at = {site: tried.likelihood.evidence_at(Hypothesis((), ()), point) for site, point in points.items()}
     found = {site: evidence - tried.none.evidence for site, evidence in at.items()}

@@ -162,14 +162,14 @@ def corrected(tried: SearchResult, rng: np.random.Generator) -> _Allowed:
 
 def _most_allowed() -> int:
     """Largest level of process noise that calm water is allowed in surge, and beside it."""
-    return int(np.searchsorted(PROCESS_LEVELS.sizes, PRIOR_SDS * PROCESS_PRIOR)) - 1
+    return PROCESS_LEVELS.largest(PRIOR_SDS * PROCESS_PRIOR)
 
 
 def published(tried: SearchResult, rng: np.random.Generator) -> _Allowed:
     """Calm water before any recording was seen."""
-    count, usual = len(tried.likelihood.data_set.rotation), int(np.searchsorted(PROCESS_LEVELS.sizes, PROCESS_PRIOR))
+    count, most = len(tried.likelihood.data_set.rotation), _most_allowed()
     shares = np.vstack([np.zeros(count), USUAL_SCATTER * rng.standard_normal((DRAWS, count)) @ _root(tried).T])
-    return _Allowed(shares, LATENCY, _process(tried, PROCESS_LEVELS.point(usual, usual)))
+    return _Allowed(shares, LATENCY, _process(tried, PROCESS_LEVELS.point(most, most)))
 
 
 def _root(tried: SearchResult) -> Float[np.ndarray, "k k"]:

@@ -122,7 +122,7 @@ class _Accounts:
         return there.posterior(there.columns(fitted.hypothesis) if fitted.hypothesis.effects else None, level)
 
     def completed(self) -> "_Accounts":
-        """The same with the best hypotheses at every level of the process noise, and at all unusual errors."""
+        """The same with the best hypotheses at all levels of process noise that matter, and at all unusual errors."""
         named = [self._evidence(j, slice(0, USUAL_LEVELS)) for j, _ in self.weighed]
         orders = (np.argsort(named)[::-1], np.argsort(np.max(self.other, axis=1))[::-1])
         best = {id(self.weighed[k][0]) for order in orders for k in order[:MAX_COMPLETED]} | {id(self.tried.none)}
@@ -133,7 +133,18 @@ class _Accounts:
         return _Accounts(tried, formula, {id(j) for j in made.values()})
 
     def _everywhere(self, fitted: FittedHypothesis) -> FittedHypothesis:
-        """A hypothesis with its evidence at every level; its own evidence changes by what the new ones add."""
-        by_level = np.stack([self._posterior(fitted, g).evidence for g in range(len(fitted.by_level))])
+        """A hypothesis also at the levels where unusual errors, and any force, are likeliest, with what these add."""
+        by_level, process = fitted.by_level.copy(), logsumexp(self.prior, axis=1)
+
+        def of_other_ship(level: int) -> float:
+            return float(self._posterior(fitted, level).evidence_at(OTHER_SD).max() + process[level])
+
+        def of_any_force(level: int) -> float:
+            return float(self._posterior(fitted, level).evidence[:USUAL_LEVELS].max())
+
+        levels = self.tried.likelihood.data_set.levels
+        for score in (of_other_ship, of_any_force):
+            for level in levels.uphill(fitted.best[0], score):
+                by_level[level] = self._posterior(fitted, level).evidence
         added = logsumexp(by_level + self.prior) - logsumexp(fitted.by_level + self.prior)
         return replace(fitted, by_level=by_level, evidence=fitted.evidence + added)

@@ -18,7 +18,7 @@ from scipy.special import logsumexp
 from manoeuvre_nn.core.channels import MEASURED
 from manoeuvre_nn.dynamics.base import is_fitted
 from manoeuvre_nn.estimation.data_set import COEFFICIENT_SD_LEVELS, WhitenedDataSet
-from manoeuvre_nn.estimation.hypothesis import FittedHypothesis
+from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.hypothesis_columns import hypothesis_columns
 from manoeuvre_nn.estimation.linear_run import Columns, Embedded, IntegratedRun, joined, summed
 from manoeuvre_nn.estimation.linearised_run import integrated
@@ -35,6 +35,8 @@ MAX_CELLS = 3 * 10**7
 """Numbers of what the knots of a run add to its channels: 240 MB. Longer recordings are not asked."""
 WANDER_TIMES_S, WHITE_SHARES = (30.0, 100.0, 300.0), (1.0, 0.5, 0.25)
 """Correlation times of a wander that are tried [s]; white noise over what the smoother takes for noise."""
+USUAL_WANDER = (WHITE_SHARES[1], WANDER_TIMES_S[1])
+"""The middle of both."""
 RECEIVER_SD = 8.0 / 2.45
 """Error of a usual receiver north and east [m], which wanders for minutes: 8 m hold 95 % of its positions (GPS Standard
 Positioning Service Performance Standard, 5th edition 2020), as 2.45 standard deviations do of two alike axes."""
@@ -42,6 +44,8 @@ WANDER_SDS = (0.3 * RECEIVER_SD, 0.6 * RECEIVER_SD, RECEIVER_SD)
 """Standard deviations of a wander that are tried [m], up to that of a usual receiver."""
 SENSOR_PER_RUN = 12.0
 """Log evidence for a strange sensor of every run in which its error is coloured so."""
+RANDOM_SIZES = (0.05, 0.15, 0.5)
+"""Sizes from which a random force is tried, over the resistance and the force of 20 deg of rudder."""
 MAX_RANDOM = 3.0
 """Largest random force, over the resistance and 20 deg of rudder."""
 SHORTEST_RANDOM_S = 2.0
@@ -89,7 +93,7 @@ def random_force(
     start = np.log(process_time(likelihood.data_set.dynamics))
     tried = {
         (axis, size): process.evidence((axis,), np.array([np.log(size), start]))
-        for axis, size in product(range(3), likelihood.data_set.levels.sizes[2:])
+        for axis, size in product(range(3), RANDOM_SIZES)
     }
     axis, size = max(tried, key=lambda k: tried[k])
     first = np.array([np.log(size), start])
@@ -159,6 +163,7 @@ def receiver_wander(
     fitted: FittedHypothesis,
     levels: int = len(COEFFICIENT_SD_LEVELS),
     loose: bool = False,
+    of: Sequence[tuple[float, float]] = (),
 ) -> ReceiverWander:
     """Log evidence of a hypothesis at its values if positions have the slow error of a usual satellite receiver.
 
@@ -172,6 +177,7 @@ def receiver_wander(
         levels: How many of the levels of the coefficients' standard deviation are allowed, from the least.
         loose: Whether the process noise has its level in ``fitted``, any as likely as others, as beside something
             unknown; else a little one, as where physics is named.
+        of: Which white shares of the noise and which T are looked at; all without any.
 
     Returns:
         What came out. None was tried where no position was recorded, the recordings are hours long, or the model was
@@ -190,9 +196,10 @@ def receiver_wander(
     if fitted.names:
         added = hypothesis_columns(data_set, fitted.hypothesis).columns
         base = [joined([b[:1] - c[:1], b[1:]]) for b, c in zip(base, added, strict=True)]
-    for share in WHITE_SHARES:
+    of = of or list(product(WHITE_SHARES, WANDER_TIMES_S))
+    for share in dict.fromkeys(share for share, _ in of):
         embedded, norm = _with_other_noise(data_set, base, level, share)
-        for time in WANDER_TIMES_S:
+        for time in (time for its, time in of if its == share):
             each = [_wander(e, white, p, spacing, time) for (e, white), p in zip(embedded, data_set.runs, strict=True)]
             for size in WANDER_SDS:
                 left, added = zip(*(without_course(*one, size) for one in each), strict=True)
@@ -234,7 +241,7 @@ def unknown_evidence(
     calm: float | None = None,
     random: RandomCourse | None = None,
 ) -> float:
-    """Log evidence of something unknown, summed over levels near those of calm water and over what is loose.
+    """Log evidence of something unknown: any size of the process noise is as likely, and what is loose summed over.
 
     Args:
         likelihood: Of the runs about the states of calm water.
@@ -247,10 +254,11 @@ def unknown_evidence(
     Returns:
         The log evidence; half of it stands on the formula if there is one, of what is left half on the random force.
     """
-    data_set, near = likelihood.data_set, _loose_levels(likelihood, none)
-    loose = np.stack([likelihood.posterior(None, g).evidence for g in near])
+    data_set = likelihood.data_set
+    loose = likelihood.evaluate(Hypothesis((), ()), process_prior=None, around=none.best[0])
+    near = data_set.levels.beside(loose.best[0])
     more = 0.0 if calm is None else gain_by_coefficient_priors(data_set, none, near, None) - calm
-    without = logsumexp(loose + log_prior_levels(data_set, None)[near]) + more
+    without = loose.evidence + more
     if random is not None:
         without = np.logaddexp(without, random.evidence) - np.log(2)
     found = np.array([without, -np.inf if formula is None else formula.evidence])
@@ -267,15 +275,15 @@ def unknown_by_receiver(likelihood: MarginalLikelihood, none: FittedHypothesis) 
     Returns:
         As of :func:`unknown_evidence`, the receiver as in :func:`receiver_wander`.
     """
-    near = [replace(none, best=(g, none.best[1])) for g in _loose_levels(likelihood, none)]
-    each = [receiver_wander(likelihood, j, loose=True).evidence for j in near]
+    grid = likelihood.data_set.levels
+
+    def evidence(level: int, of: Sequence[tuple[float, float]] = ()) -> float:
+        return receiver_wander(likelihood, replace(none, best=(level, none.best[1])), loose=True, of=of).evidence
+
+    # Which process noise goes with it, one wander tells as well as all.
+    roughly = grid.uphill(none.best[0], lambda level: evidence(level, [USUAL_WANDER]))
+    each = [evidence(level) for level in grid.beside(max(roughly, key=lambda level: roughly[level]))]
     return float(logsumexp(each) - np.log(2)) + _strange_sensors(likelihood.data_set)
-
-
-def _loose_levels(likelihood: MarginalLikelihood, none: FittedHypothesis) -> list[int]:
-    """Levels of the process noise of something unknown: near those of calm water, and two sizes above them."""
-    grid, (row, column) = likelihood.data_set.levels, likelihood.data_set.levels.at(none.best[0])
-    return sorted({*grid.around(none.best[0]), grid.point(row + 2, column), grid.point(row, column + 2)})
 
 
 def _strange_sensors(data_set: WhitenedDataSet) -> float:

@@ -209,15 +209,12 @@ class MarginalLikelihood:
         prior = log_prior_levels(self.data_set, process_prior)
         lin = self.columns(hypothesis) if hypothesis.effects else None
         known: dict[int, Posterior] = {}
-        best = self.start_level if around is None else around
-        while True:
-            for level in self.data_set.levels.beside(best):
-                if level not in known:
-                    known[level] = self.posterior(lin, level)
-            top = max(known, key=lambda g: float((known[g].evidence + prior[g]).max()))
-            if top == best:
-                break
-            best = top
+
+        def score(level: int) -> float:
+            known[level] = self.posterior(lin, level)
+            return float((known[level].evidence + prior[level]).max())
+
+        self.data_set.levels.uphill(self.start_level if around is None else around, score)
         return self.over_levels(hypothesis, known, prior)
 
     def evidence_at(self, hypothesis: Hypothesis, level: int) -> float:
@@ -249,10 +246,11 @@ class MarginalLikelihood:
         by_level = np.full(prior.shape, -np.inf)
         for level, found in known.items():
             by_level[level] = found.evidence
+        seen, by_level = by_level + prior, self.data_set.levels.filled(by_level)
         weighted = by_level + prior
-        g, s = (int(k) for k in np.unravel_index(int(weighted.argmax()), weighted.shape))
+        g, s = (int(k) for k in np.unravel_index(int(seen.argmax()), seen.shape))
         m, k = len(hypothesis.unknowns()), self.data_set.size - 1
-        usual = weighty(weighted)
+        usual = weighty(seen)
         means = np.array([known[g].mean(s) for g, s in usual])
         covariances = [known[g].covariance(s) for g, s in usual]
         mean, covariance = mixture(softmax([weighted[at] for at in usual]), means, covariances)

@@ -8,7 +8,6 @@ Source:
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
@@ -19,10 +18,7 @@ from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 from manoeuvre_nn.estimation.posterior import mixture
 from manoeuvre_nn.estimation.prior_average import over_coefficient_priors
-from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS, ProcessLevels
 
-BETWEEN = tuple(float(np.sqrt(low * high)) for low, high in pairwise(PROCESS_LEVELS.sizes))
-"""Sizes of the process noise halfway between the usual ones, on a logarithmic scale."""
 TIMES = (0.5, 1.0, 2.0)
 """Correlation times of the process noise over the time in which the ship sails its length."""
 
@@ -30,8 +26,8 @@ TIMES = (0.5, 1.0, 2.0)
 def averaged(data_set: WhitenedDataSet, fitted: FittedHypothesis) -> FittedHypothesis:
     """A fitted hypothesis with values and covariance averaged over process noise and priors of coefficients.
 
-    The usual levels lie a factor of three apart, the usual correlation time and the likeliest prior of coefficients are
-    one of many: that suffices to compare hypotheses, but standard errors at the nearest of them may be too small.
+    The usual correlation time and the likeliest prior of coefficients are one of many: that suffices to compare
+    hypotheses, but standard errors at the nearest of them may be too small.
 
     Args:
         data_set: The runs about the states of the hypothesis.
@@ -70,25 +66,15 @@ def weighted_mean(
     return mixed, weights
 
 
-def finer(data_set: WhitenedDataSet, time: float) -> WhitenedDataSet:
-    """The same runs about the same states, with more levels of the process noise and another correlation time of it.
-
-    Args:
-        data_set: The runs, at the usual levels.
-        time: Correlation time [s].
-
-    Returns:
-        The runs; every other level is a usual one.
-    """
-    levels = ProcessLevels(tuple(sorted((*PROCESS_LEVELS.sizes, *BETWEEN))))
-    return WhitenedDataSet(data_set.dynamics, data_set.whole, data_set.coefficient_prior, levels, time)
+def with_time(data_set: WhitenedDataSet, time: float) -> WhitenedDataSet:
+    """The same runs about the same states with another correlation time [s] of the process noise."""
+    return WhitenedDataSet(data_set.dynamics, data_set.whole, data_set.coefficient_prior, data_set.levels, time)
 
 
 def _at_time(data_set: WhitenedDataSet, fitted: FittedHypothesis, time: float) -> FittedHypothesis:
     """The hypothesis at one correlation time [s] of the process noise, over its levels and priors of coefficients."""
-    there = finer(data_set, time)
-    around = there.levels.point(*(2 * k for k in PROCESS_LEVELS.at(fitted.best[0])))
-    found = MarginalLikelihood(there).evaluate(fitted.hypothesis, around=around)
+    there = with_time(data_set, time)
+    found = MarginalLikelihood(there).evaluate(fitted.hypothesis, around=fitted.best[0])
     found = over_coefficient_priors(there, found, fitted.hypothesis)
     there.release()
     return found
