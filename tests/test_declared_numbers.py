@@ -33,8 +33,10 @@ def in_figures(value: object) -> str:
         return in_figures(get_args(value)[1])
     if isinstance(value, dict):
         value = list(value.values())
-    if is_dataclass(value) and not isinstance(value, type):
-        value = [getattr(value, field.name) for field in fields(value)]
+    if is_dataclass(value) and not isinstance(value, type):  # what is no number has no place in the table
+        said = (in_figures(getattr(value, field.name)) for field in fields(value))
+        numbers_said = ", ".join(filter(None, said))
+        return f"({numbers_said})" if numbers_said else ""
     parts = [in_figures(v) for v in value] if isinstance(value, tuple | list) else []
     return f"({', '.join(parts)})" if parts and all(parts) else ""
 
