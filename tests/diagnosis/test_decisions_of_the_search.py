@@ -214,7 +214,9 @@ def test_a_fit_goes_on_as_long_as_it_gains_a_tenth_and_is_worth_it(monkeypatch, 
     left, rounds = list(evidences), []
     there = SimpleNamespace(
         improve=lambda h, level, scatter, rounds_=None, **more: (rounds.append(more.get("rounds")) or h, 0.0),
-        evaluate=lambda h, around: FittedHypothesis(h, left.pop(0), np.zeros((1, 1)), np.zeros((0, 0)), best=(1, 1)),
+        evaluate=lambda h, around, fine: FittedHypothesis(
+            h, left.pop(0), np.zeros((1, 1)), np.zeros((0, 0)), best=(1, 1)
+        ),
     )
     monkeypatch.setattr(fits, "beside", lambda likelihood, hypothesis: there)
     monkeypatch.setattr(fits, "replaced", lambda there, hypothesis, level, scatter: hypothesis)
@@ -233,7 +235,7 @@ def test_an_event_without_a_time_is_looked_for_at_the_noise_that_was_asked_for(m
     hypothesis = Hypothesis((effect,), (row,))
     there = SimpleNamespace(
         improve=lambda h, level, scatter, rounds=5: (h, 0.0),
-        evaluate=lambda h, around: FittedHypothesis(h, 1.0, np.zeros((1, 1)), np.zeros((0, 0)), best=(7, 5)),
+        evaluate=lambda h, around, fine: FittedHypothesis(h, 1.0, np.zeros((1, 1)), np.zeros((0, 0)), best=(7, 5)),
     )
     monkeypatch.setattr(fits, "beside", lambda likelihood, hypothesis: there)
     monkeypatch.setattr(fits, "replaced", lambda there, h, *at: looked.append(at) or h)

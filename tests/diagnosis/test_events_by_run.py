@@ -383,7 +383,7 @@ def test_an_event_that_was_given_times_has_an_error_for_each_of_them(monkeypatch
         def improve(self, h, level, scatter, rounds=5):
             return h, 10.0 if h is without else 0.0
 
-        def evaluate(self, h, around=None):
+        def evaluate(self, h, around=None, fine=True):
             moved = h.with_vector(h.vector() + 1.0)
             return FittedHypothesis(moved, 5.0, np.zeros((1, 1)), np.eye(len(h.unknowns())))
 

@@ -112,9 +112,9 @@ def test_events_are_placed_about_the_first_new_states_alone(monkeypatch):
     monkeypatch.setattr(fits, "beside", lambda likelihood, h: likelihood)
     monkeypatch.setattr(fits, "refined", lambda data_set, j, is_corrected: data_set)
     monkeypatch.setattr(fits, "change_of_states", lambda *_: next(changes))
-    monkeypatch.setattr(fits, "refine", lambda *_, placing: asked.append(placing) or NOTHING)
+    monkeypatch.setattr(fits, "refine", lambda *_, placing, fine: asked.append((placing, fine)) or NOTHING)
     at_rest(SimpleNamespace(), NOTHING)
-    assert asked == [True, False]
+    assert asked == [(True, False), (False, False), (False, True)], "every level of the noise where states rest"
 
 
 def test_a_late_receiver_is_late_with_what_its_antenna_shows():

@@ -130,6 +130,7 @@ def refine(
     scatter: int,
     min_evidence: float = -inf,
     placing: bool = True,
+    fine: bool = True,
 ) -> FittedHypothesis:
     """Fit to the end, at the noise levels that the hypothesis itself leaves.
 
@@ -140,19 +141,20 @@ def refine(
         scatter: Level of the coefficients' standard deviation to begin with.
         min_evidence: Evidence below which it is not worked on.
         placing: Whether events are tried at times far from theirs.
+        fine: Whether all levels of the process noise are looked at.
 
     Returns:
         What came out.
     """
     hypothesis, _ = beside(likelihood, hypothesis).improve(hypothesis, level, scatter)
     there = beside(likelihood, hypothesis)
-    fitted = there.evaluate(hypothesis, around=level)
+    fitted = there.evaluate(hypothesis, around=level, fine=fine)
     if placing and fitted.evidence > min_evidence:
         # As long as an event has no time anywhere, coefficients that are off by far are called for in its place.
         noise = (level, scatter) if _unplaced(fitted.hypothesis) else fitted.best
         elsewhen = replaced(there, fitted.hypothesis, *noise)
         if elsewhen is not fitted.hypothesis:
-            hypothesis, fitted = elsewhen, there.evaluate(elsewhen, around=fitted.best[0])
+            hypothesis, fitted = elsewhen, there.evaluate(elsewhen, around=fitted.best[0], fine=fine)
     for _ in range(2):
         if fitted.evidence < min_evidence:
             return fitted
@@ -161,7 +163,7 @@ def refine(
         stayed, moved = (here.improve(h, *fitted.best, rounds=1)[1] for h in (hypothesis, fitted.hypothesis))
         before = fitted if moved > stayed - WORSE else replace(fitted, hypothesis=hypothesis)
         hypothesis, _ = beside(likelihood, before.hypothesis).improve(before.hypothesis, *before.best, rounds=4)
-        fitted = beside(likelihood, hypothesis).evaluate(hypothesis, around=before.best[0])
+        fitted = beside(likelihood, hypothesis).evaluate(hypothesis, around=before.best[0], fine=fine)
         if fitted.evidence < before.evidence + 0.1:
             return max(before, fitted, key=lambda j: j.evidence)
     return fitted
@@ -258,14 +260,19 @@ def _passes(
     Returns:
         The runs about the last states, the hypothesis there, and what states changed by in each pass.
     """
-    moved = list[float]()
+    moved, fine = list[float](), fit is not None
     while len(moved) < MAX_PASSES or (FAR_FROM_REST < moved[-1] < moved[-2] and len(moved) < MAX_FAR_PASSES):
         there = refined(data_set, fitted, corrected)
         moved.append(change_of_states(data_set, there, fitted.best[0]))
-        if moved[-1] < STATES_AT_REST:
+        if moved[-1] < STATES_AT_REST and (fine or len(moved) == 1):
             break
-        refit = fit or partial(refine, placing=len(moved) == 1)
+        # As long as states are on their way every third level of the noise will do.
+        fine = fine or moved[-1] < STATES_AT_REST
+        refit = fit or partial(refine, placing=len(moved) == 1, fine=fine)
         data_set, fitted = there, refit(MarginalLikelihood(there), fitted.hypothesis, *fitted.best)
+    if not fine and len(moved) > 1:
+        last = beside(MarginalLikelihood(data_set), fitted.hypothesis)
+        fitted = last.evaluate(fitted.hypothesis, around=fitted.best[0])
     return data_set, fitted, moved
 
 

@@ -192,7 +192,11 @@ class MarginalLikelihood:
         return best, score
 
     def evaluate(
-        self, hypothesis: Hypothesis, process_prior: float | None = PROCESS_PRIOR, around: int | None = None
+        self,
+        hypothesis: Hypothesis,
+        process_prior: float | None = PROCESS_PRIOR,
+        around: int | None = None,
+        fine: bool = True,
     ) -> FittedHypothesis:
         """Evidence of a hypothesis at its values, over all levels that matter.
 
@@ -202,6 +206,7 @@ class MarginalLikelihood:
             hypothesis: It, at its most likely values.
             process_prior: See :func:`log_prior_levels`.
             around: Level of the process noise to begin with; None takes the middle of the grid.
+            fine: Whether all levels are looked at, or every third: enough as long as states are on their way.
 
         Returns:
             What came out.
@@ -214,7 +219,7 @@ class MarginalLikelihood:
             known[level] = self.posterior(lin, level)
             return float((known[level].evidence + prior[level]).max())
 
-        self.data_set.levels.uphill(self.start_level if around is None else around, score)
+        self.data_set.levels.uphill(self.start_level if around is None else around, score, fine)
         return self.over_levels(hypothesis, known, prior)
 
     def evidence_at(self, hypothesis: Hypothesis, level: int) -> float:

@@ -69,7 +69,7 @@ class ProcessLevels:
         beside = [(row - 1, column), (row, column - 1), (row, column), (row, column + 1), (row + 1, column)]
         return [self.point(*at) for at in beside if 0 <= min(at) and max(at) < len(self.sizes)]
 
-    def uphill(self, start: int, score: Callable[[int], float]) -> dict[int, float]:
+    def uphill(self, start: int, score: Callable[[int], float], fine: bool = True) -> dict[int, float]:
         """Climb from a grid point until the best one is surrounded by worse ones.
 
         What surge and the rest add hardly depends on each other: what is better in both is tried at once. Where the
@@ -78,11 +78,12 @@ class ProcessLevels:
         Args:
             start: Where to begin.
             score: Log weight of a point; no point is asked for twice.
+            fine: Whether the best is sought among all points, or among those :data:`WIDE_STRIDE` sizes from the first.
 
         Returns:
             Of every point that was asked for; from the best one on, all in surge and all beside that weigh anything.
         """
-        known, best, stride, wide = {start: score(start)}, start, 1, True
+        known, best, stride, wide = {start: score(start)}, start, 1 if fine else WIDE_STRIDE, True
         while True:
             row, column = self.at(best)
             lines = [[(k, column) for k in self._within(row, stride)], [(row, k) for k in self._within(column, stride)]]
@@ -94,6 +95,8 @@ class ProcessLevels:
             top = max(known, key=lambda g: known[g])
             if top != best:
                 best, stride = top, WIDE_STRIDE if wide else 1
+            elif not fine:
+                return known
             elif stride == 1:
                 break
             else:
