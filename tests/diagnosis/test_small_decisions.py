@@ -275,7 +275,7 @@ def test_a_value_of_which_nothing_is_recorded_stays_where_it_was_fitted(monkeypa
     fitted, mean = (Hypothesis((effect,), (np.array([[width]]),)) for width in (30.0, 0.1))
     there = SimpleNamespace(
         improve=lambda h, level, scatter, rounds=5: (h, moved * (h.values[0][0, 0] == 0.1)),
-        evaluate=lambda h, around: FittedHypothesis(
+        evaluate=lambda h, around, fine: FittedHypothesis(
             mean, 12.0 if h is fitted else 1.0, np.zeros((1, 1)), np.zeros((0, 0)), best=(1, 1)
         ),
     )

@@ -52,7 +52,7 @@ def test_a_mean_that_is_less_likely_by_more_than_one_than_what_was_fitted_is_not
         started.append(direction)
         return h, 0.0 if direction == 100.0 else -lost
 
-    there = SimpleNamespace(improve=improve, evaluate=lambda h, around: mean)
+    there = SimpleNamespace(improve=improve, evaluate=lambda h, around, fine: mean)
     monkeypatch.setattr(fits, "beside", lambda likelihood, h: there)
     fits.refine(there, at, 2, 2, placing=False)
     assert started[-1] == begun
