@@ -64,7 +64,7 @@ NEIGHBOURS = {
     "dynamics": ["physics"],
 }
 """Rooms, and files of tests, that are asked as well: CI asks all."""
-OF_ALL_ROOMS = ("test_declared_numbers.py",)
+OF_ALL_ROOMS = ("test_table_of_numbers.py",)
 DECISIONS = 2 / 3
 """Share of a sample that are thresholds, bounds, priors and vetoes."""
 MOST_SURVIVORS = 0.10

@@ -1,7 +1,7 @@
 """Thresholds, priors, grids, ranges and defaults of the package: results were measured with those of a table.
 
 Most have a test of what they do; a change of any is a decision, after which results are measured again. To write the
-table anew: ``python tests/test_declared_numbers.py``.
+table anew: ``python tests/test_table_of_numbers.py``.
 """
 
 import ast
