@@ -40,6 +40,7 @@ from manoeuvre_nn.estimation.corrections import Calibrated, Corrections
 from manoeuvre_nn.estimation.data_set import whitened_data_set
 from manoeuvre_nn.estimation.hypothesis import FittedHypothesis, Hypothesis
 from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
+from manoeuvre_nn.estimation.process_noise import PROCESS_LEVELS
 from manoeuvre_nn.manoeuvre.turning import turning_circle
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
 from manoeuvre_nn.recording.preparation import without_samples
@@ -272,7 +273,11 @@ def test_in_runs_to_predict_an_event_is_placed_by_their_recordings_or_left_out(k
 
 @pytest.mark.slow  # five seconds each
 @pytest.mark.parametrize(
-    "ship, force_kN, best", [("esso_190k", 19_500.0, (1, 5)), ("great_lakes_bulker", 900.0, (2, 3))]
+    "ship, force_kN, best",
+    [
+        ("esso_190k", 19_500.0, (PROCESS_LEVELS.point(0, 4), 5)),
+        ("great_lakes_bulker", 900.0, (PROCESS_LEVELS.point(0, 7), 3)),
+    ],
 )
 def test_beside_a_depth_too_an_event_is_placed_before_or_after_the_depths_formula_is_fitted(ship, force_kN, best):
     """Without its place, the tanker's shallow water gives way to the force; with it, that of the bulk carrier stays."""
