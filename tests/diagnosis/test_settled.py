@@ -60,17 +60,22 @@ def test_base_rates_count_in_the_race(monkeypatch, behind, raced):
 
 
 def test_what_has_rested_is_weighed_as_the_search_is(monkeypatch):
-    """It gains what it gains beyond calm water with any prior of coefficients, and so do its parts."""
+    """It gains what it gains beyond calm water with any prior of coefficients, once, and so do its parts."""
     gains = {PAIR: 3.0, PART: -1.0}
     there = SimpleNamespace(data_set="its own states")
-    monkeypatch.setattr(under_test, "at_rest", lambda data_set, j: ("there", j))
     monkeypatch.setattr(under_test, "MarginalLikelihood", lambda data_set: there)
     for module in (under_test, decision):
         monkeypatch.setattr(module, "beside", lambda likelihood, h: likelihood)
     monkeypatch.setattr(under_test, "refine", lambda likelihood, h, *best: fitted(9.0, *h.names))
     monkeypatch.setattr(decision, "gain_by_coefficient_priors", lambda data_set, j: gains[j.names])
     both, part = fitted(20.0, *PAIR), fitted(1.0, *PART)
-    for calm, expected in ((0.5, (22.5, 7.5)), (None, (20.0, 9.0))):
+    for calm, moved, expected in (
+        (0.5, 1.0, (23.5, 7.5)),
+        (None, 1.0, (21.0, 9.0)),
+        (0.5, 0.0, (20.0, 7.5)),  # it was at rest, and has been weighed so already
+    ):
+        rested = replace(both, evidence=20.0 + moved)
+        monkeypatch.setattr(under_test, "at_rest", lambda *_, rested=rested: ("there", rested))
         whole, (fewer,) = under_test._rested(None, both, [part], calm)
         assert (whole.evidence, fewer.evidence) == expected
 

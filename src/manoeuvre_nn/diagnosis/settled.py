@@ -146,8 +146,9 @@ def _rested(
     there, found = at_rest(data_set, fitted)
     likelihood = MarginalLikelihood(there)
     others = [refine(beside(likelihood, p.hypothesis), p.hypothesis, *p.best) for p in parts]
-    whole, *fewer = [weighed_beyond(likelihood, j, calm_gain) for j in (found, *others)]
-    return whole, fewer
+    fewer = [weighed_beyond(likelihood, j, calm_gain) for j in others]
+    # What stayed as it was has been weighed so before.
+    return (fitted if found.evidence == fitted.evidence else weighed_beyond(likelihood, found, calm_gain)), fewer
 
 
 def _race(result: SearchResult) -> list[FittedHypothesis]:
