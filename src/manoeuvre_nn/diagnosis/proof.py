@@ -102,13 +102,16 @@ def _placed(question: Question, fitted: FittedHypothesis) -> tuple[WhitenedDataS
     """The held-out runs about the states of what was found, it fitted to them, and its values with events placed."""
     elsewhere = _elsewhere(question, fitted)
     declared = [p for e in elsewhere.effects for p in e.declared if not p.per_run]
-    held, starts = frozenset(p.name for p in declared if not p.form), [elsewhere]
-    if any(e.timed for e in elsewhere.effects) and any(p.form for p in declared):
-        # Before events have their place, uncertain parts of a formula may give way to what these do.
-        starts.append(refine(question.held_out, elsewhere, *fitted.best).hypothesis)
-    begun = [refine(question.held_out, replace(start, fixed=held), *fitted.best) for start in starts]
+    held, starts = frozenset(p.name for p in declared if not p.form), [(elsewhere, fitted.best)]
+    if any(e.timed for e in elsewhere.effects):
+        # Before events have their place, coefficients and uncertain parts of a formula may give way to what these do.
+        starts.append((elsewhere, (fitted.best[0], 0)))
+        if any(p.form for p in declared):
+            starts += [(refine(question.held_out, h, *noise).hypothesis, noise) for h, noise in starts]
+    begun = [refine(question.held_out, replace(start, fixed=held), *noise) for start, noise in starts]
+    different = {round(b.evidence, 2): b for b in begun}.values()  # those that ended at one place once
     data_set, there = max(
-        (at_rest(question.held_out.data_set, b) for b in begun), key=lambda rested: rested[1].evidence
+        (at_rest(question.held_out.data_set, b) for b in different), key=lambda rested: rested[1].evidence
     )
     # Predictions are made with formulas as the fitted runs have them.
     both = zip(elsewhere.effects, there.hypothesis.values, elsewhere.values, strict=True)
