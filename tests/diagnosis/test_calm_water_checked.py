@@ -150,7 +150,7 @@ def positions_alone(wander: float, *acting: Effect) -> Question:
 @pytest.mark.slow  # the allowance is made in test_looks_and_wanders.py
 def test_a_receiver_that_wanders_as_usual_ones_do_is_nothing_unknown():
     """2.5 m in a minute look like a random force; a yaw moment that comes again does not look like a receiver."""
-    clean, moved = positions_alone(2.5), positions_alone(0.0, Stranger(0.15, "N", periodic(50.0)))
+    clean, moved = positions_alone(2.5), positions_alone(0.0, Stranger(0.25, "N", periodic(50.0)))
     for question, wanders in ((clean, True), (moved, False)):
         tried = search(whitened_data_set(CALM, question.case.fitted), [])
         loose = unknown_evidence(tried.likelihood, tried.none, None)

@@ -6,8 +6,8 @@ It wins where the misfit is real, repeats, and no name fits. Channels whose erro
 scale or a lever arm are a fault of a sensor that the shelf does not have.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -35,7 +35,7 @@ MAX_CELLS = 3 * 10**7
 """Numbers of what the knots of a run add to its channels: 240 MB. Longer recordings are not asked."""
 WANDER_TIMES_S, WHITE_SHARES = (30.0, 100.0, 300.0), (1.0, 0.5, 0.25)
 """Correlation times of a wander that are tried [s]; white noise over what the smoother takes for noise."""
-USUAL_WANDER = (WHITE_SHARES[1], WANDER_TIMES_S[1])
+USUAL_WANDER = (WHITE_SHARES[1], WANDER_TIMES_S[1:2])
 """The middle of both."""
 RECEIVER_SD = 8.0 / 2.45
 """Error of a usual receiver north and east [m], which wanders for minutes: 8 m hold 95 % of its positions (GPS Standard
@@ -89,7 +89,8 @@ def random_force(
     Returns:
         What came out.
     """
-    process = _RandomProcess(likelihood, likelihood.data_set.levels.quiet(none.best[0]), levels)
+    grid = likelihood.data_set.levels
+    process = _RandomProcess(likelihood, grid.quiet(none.best[0]), levels)
     start = np.log(process_time(likelihood.data_set.dynamics))
     tried = {
         (axis, size): process.evidence((axis,), np.array([np.log(size), start]))
@@ -112,6 +113,9 @@ def random_force(
     covariance = (vectors / np.maximum(values, 0.1)) @ vectors.T
     others = [b for b in range(3) if b != axis and process.evidence((axis, b), x) > best + MIN_GAIN_OF_EQUATION]
     prior = np.log(MAX_RANDOM / process.least) * np.log(process.longest / SHORTEST_RANDOM_S)
+    # The noise that calm water keeps beside may have any size, too.
+    beside = grid.uphill(process.level, lambda level: process.evidence((axis,), x, level))
+    best = float(logsumexp(list(beside.values())))
     evidence = best + np.log(2 * np.pi / prior) + 0.5 * np.linalg.slogdet(covariance)[1] - np.log(3)
     errors = np.sqrt(np.diag(covariance))
     size, time = (float(v) for v in np.exp(x))
@@ -124,15 +128,17 @@ class _RandomProcess:
     def __init__(self, likelihood: MarginalLikelihood, level: int, levels: int) -> None:
         """Take the runs, the level of the process noise that calm water keeps beside, how far coefficients are off."""
         data_set = likelihood.data_set
-        self.likelihood, self.prior = likelihood, log_prior_levels(data_set, PROCESS_PRIOR)[level, :levels]
-        self.usual, self.least = by_equation(data_set.levels[level], len(data_set.unit)), data_set.levels.sizes[0]
+        self.likelihood, self.level = likelihood, level
+        self.prior, self.least = log_prior_levels(data_set, PROCESS_PRIOR)[:, :levels], data_set.levels.sizes[0]
         self.longest = max(p.linearised.run.duration for p in data_set.runs)
 
-    def evidence(self, axes: tuple[int, ...], x: Float[np.ndarray, " 2"]) -> float:
+    def evidence(self, axes: tuple[int, ...], x: Float[np.ndarray, " 2"], level: int | None = None) -> float:
         """Log evidence of a size and a correlation time, as logarithms; errors of coefficients summed over."""
+        level = self.level if level is None else level
         low = np.log([self.least, SHORTEST_RANDOM_S])
         size, time = np.exp(np.clip(x, low, np.log([MAX_RANDOM, self.longest])))
-        data_set, sd = self.likelihood.data_set, self.usual.copy()
+        data_set, prior = self.likelihood.data_set, self.prior[level]
+        sd = by_equation(data_set.levels[level], len(data_set.unit))
         sd[list(axes)] = np.hypot(sd[list(axes)], size)
         start = start_spread(data_set.dynamics)
         white = [integrated(p.linearised, p.noise, sd * data_set.unit, time, start) for p in data_set.runs]
@@ -140,7 +146,7 @@ class _RandomProcess:
         gram = summed([e.dot(e) for e in base], [data_set.base_index(k) for k in range(len(base))], data_set.size)
         found = self.likelihood.regress(gram, sum(w.log_norm for w in white))
         outside = 10.0 * float(np.abs(x - np.log([size, time])).sum())
-        return float(logsumexp(found.evidence[: len(self.prior)] + self.prior)) - outside
+        return float(logsumexp(found.evidence[: len(prior)] + prior)) - outside
 
 
 @dataclass(frozen=True)
@@ -163,21 +169,20 @@ def receiver_wander(
     fitted: FittedHypothesis,
     levels: int = len(COEFFICIENT_SD_LEVELS),
     loose: bool = False,
-    of: Sequence[tuple[float, float]] = (),
 ) -> ReceiverWander:
     """Log evidence of a hypothesis at its values if positions have the slow error of a usual satellite receiver.
 
     North and east each have white noise, of which the smoother takes a wander for a part, and a first-order Markov
     process w of standard deviation s and correlation time T, ``cov w = s^2 exp(-|t| / T)``, by its values at knots and
-    straight lines between. It is summed over s, T and the share of the noise that is white, each value alike likely.
+    straight lines between. It is summed over s, T and the share of the noise that is white, each value alike likely,
+    and over process noise.
 
     Args:
         likelihood: The runs.
         fitted: Calm water, or effects.
         levels: How many of the levels of the coefficients' standard deviation are allowed, from the least.
-        loose: Whether the process noise has its level in ``fitted``, any as likely as others, as beside something
-            unknown; else a little one, as where physics is named.
-        of: Which white shares of the noise and which T are looked at; all without any.
+        loose: Whether any size of the process noise is as likely as others, as beside something unknown; else little
+            is, as where physics is named.
 
     Returns:
         What came out. None was tried where no position was recorded, the recordings are hours long, or the model was
@@ -189,25 +194,35 @@ def receiver_wander(
     recorded = any(p.linearised.present[:, :2].any() for p in data_set.runs)
     if is_fitted(data_set.dynamics) or not recorded or spacing > LONGEST_KNOT_S or cells > MAX_CELLS:
         return ReceiverWander(0.0, WANDER_TIMES_S[0], -np.inf)
-    level = fitted.best[0] if loose else data_set.levels.quiet(fitted.best[0])
-    prior = log_prior_levels(data_set, None if loose else PROCESS_PRIOR)[level, :levels]
-    found = list[tuple[float, float, float]]()
-    base = [p.base for p in data_set.runs]
+    prior, base = (
+        log_prior_levels(data_set, None if loose else PROCESS_PRIOR)[:, :levels],
+        [p.base for p in data_set.runs],
+    )
     if fitted.names:
         added = hypothesis_columns(data_set, fitted.hypothesis).columns
         base = [joined([b[:1] - c[:1], b[1:]]) for b, c in zip(base, added, strict=True)]
-    of = of or list(product(WHITE_SHARES, WANDER_TIMES_S))
-    for share in dict.fromkeys(share for share, _ in of):
+
+    def tried(level: int, share: float, times: Sequence[float]) -> Iterator[tuple[float, float, float]]:
         embedded, norm = _with_other_noise(data_set, base, level, share)
-        for time in (time for its, time in of if its == share):
+        for time in times:
             each = [_wander(e, white, p, spacing, time) for (e, white), p in zip(embedded, data_set.runs, strict=True)]
             for size in WANDER_SDS:
                 left, added = zip(*(without_course(*one, size) for one in each), strict=True)
                 gram = summed(left, [data_set.base_index(k) for k in range(len(left))], data_set.size)
                 told = likelihood.regress(gram, norm + sum(added))
-                found.append((float(logsumexp(told.evidence[:levels] + prior)), size, time))
+                yield float(logsumexp(told.evidence[:levels] + prior[level])), size, time
+
+    def usual(level: int) -> float:
+        return float(logsumexp([e for e, *_ in tried(level, *USUAL_WANDER)]))
+
+    # Which process noise goes with it, one wander tells as well as all.
+    start = fitted.best[0] if loose else data_set.levels.quiet(fitted.best[0])
+    by_level = data_set.levels.uphill(start, usual)
+    level = max(by_level, key=lambda g: by_level[g])
+    found = [one for share in WHITE_SHARES for one in tried(level, share, WANDER_TIMES_S)]
     _, size, time = max(found)
-    return ReceiverWander(size, time, float(logsumexp([e for e, *_ in found]) - np.log(len(found))))
+    others = float(logsumexp(list(by_level.values()))) - by_level[level]
+    return ReceiverWander(size, time, float(logsumexp([e for e, *_ in found]) - np.log(len(found))) + others)
 
 
 def _with_other_noise(
@@ -273,20 +288,14 @@ def unknown_by_receiver(likelihood: MarginalLikelihood, none: FittedHypothesis) 
         none: Calm water.
 
     Returns:
-        As of :func:`unknown_evidence`, the receiver as in :func:`receiver_wander`.
+        As of :func:`unknown_evidence`, the receiver as in :func:`receiver_wander`. What is strange about a position or
+        a speed, which the receiver may contradict, does not count.
     """
-    grid = likelihood.data_set.levels
-
-    def evidence(level: int, of: Sequence[tuple[float, float]] = ()) -> float:
-        return receiver_wander(likelihood, replace(none, best=(level, none.best[1])), loose=True, of=of).evidence
-
-    # Which process noise goes with it, one wander tells as well as all.
-    roughly = grid.uphill(none.best[0], lambda level: evidence(level, [USUAL_WANDER]))
-    each = [evidence(level) for level in grid.beside(max(roughly, key=lambda level: roughly[level]))]
-    return float(logsumexp(each) - np.log(2)) + _strange_sensors(likelihood.data_set)
+    wandering = receiver_wander(likelihood, none, loose=True).evidence
+    return wandering - np.log(2) + _strange_sensors(likelihood.data_set, ("psi", "r"))
 
 
-def _strange_sensors(data_set: WhitenedDataSet) -> float:
+def _strange_sensors(data_set: WhitenedDataSet, among: Sequence[str] = MEASURED) -> float:
     """Evidence for channels whose error no candidate has: more than a stream or a sensor error of the smoother."""
     # A velocity that was taken from positions is no sensor's: the error of neighbouring samples is alike by making.
     sensed = [~np.isin(MEASURED[:-1], p.linearised.run.meta.get("derived", ())) for p in data_set.runs]
@@ -295,5 +304,5 @@ def _strange_sensors(data_set: WhitenedDataSet) -> float:
     # most.
     errors = np.stack([p.noise[:2] / np.sqrt(p.inflation[:2]) for p in data_set.runs])
     factors[:, :2] *= errors > RECEIVER_SD
-    coloured = (factors > COLOURED).sum(axis=0)
+    coloured = (factors > COLOURED)[:, np.isin(MEASURED[:-1], among)].sum(axis=0)
     return SENSOR_PER_RUN * float(coloured.max()) if 2 * coloured.max() >= len(factors) else 0.0
