@@ -227,8 +227,9 @@ def _put_to_proof(
     tested = bool(made) and any(acting(there.hypothesis, question.case.held_out))
     foretold = enough and (better if tested else not (trained and made))
     # Small errors of its state take free runs of a ship that is unstable on course far from any recording, whatever
-    # the model: the likelihood of the recording does not suffer from that.
-    likelier = tested and gain > sure and least == REFUTED
+    # the model: the likelihood of the recording does not suffer from that. Nor does it where gusts do, that nobody can
+    # foretell.
+    likelier = tested and gain > sure and (least == REFUTED or bool(j.random))
     faint = bool(j.random) and fainter_than_at_sea(j)
     by_itself = len(j.names) == 1 and Formula.name not in j.names
     unsure = by_itself and checking.may_be_nothing(j, 0, gain if tested else 0.0)
