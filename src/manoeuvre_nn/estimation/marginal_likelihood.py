@@ -251,7 +251,8 @@ class MarginalLikelihood:
         by_level = np.full(prior.shape, -np.inf)
         for level, found in known.items():
             by_level[level] = found.evidence
-        seen, by_level = by_level + prior, self.data_set.levels.filled(by_level)
+        process = prior[:, :1]  # but for a constant, which goes out again
+        seen, by_level = by_level + prior, self.data_set.levels.filled(by_level + process) - process
         weighted = by_level + prior
         g, s = (int(k) for k in np.unravel_index(int(seen.argmax()), seen.shape))
         m, k = len(hypothesis.unknowns()), self.data_set.size - 1
