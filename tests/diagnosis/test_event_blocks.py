@@ -100,7 +100,8 @@ class Gains:
     def __init__(self, *gains: float) -> None:
         times = np.array([[100.0 * k, 100.0 * k + 40.0] for k in range(len(gains))])
         self.all = event_blocks.Intervals(times, np.eye(len(gains)), np.zeros(len(gains)))
-        self.gains = np.array(gains)
+        self.gains, self.edges, self.scales = np.array(gains), np.append(0.0, 1.0), (1.0, 1.0)
+        self.right, self.gram = self.gains[None], np.zeros((1, len(gains), len(gains)))
 
     def intervals(self, may_last: bool, ramp: float) -> event_blocks.Intervals:
         return self.all
@@ -117,7 +118,7 @@ class Gains:
 ])  # fmt: skip
 @pytest.mark.usefixtures("unchecked_types")
 def test_another_interval_is_worth_its_prior(gains, every, count):
-    sets = windows._sets_of_times(Gains(*gains), 0, SideForce(SHIP), 0.0, every)
+    _, sets = windows._sets_of_times(Gains(*gains), 0, SideForce(SHIP), 0.0, every)
     assert [len(times) for times in sets] == list(range(count + 1))
     assert sets[-1] == tuple((100.0 * k, 100.0 * k + 40.0) for k in range(count))
 
@@ -130,12 +131,32 @@ def test_times_less_than_a_quarter_of_a_minute_apart_lead_to_one_fit(other, alik
     assert windows._alike(((10.0, np.inf),), ((24.0, np.inf),)) and windows._alike((), ())
 
 
-def test_sizes_of_an_event_are_tried_by_factors_of_two_four_times_beyond_its_starts():
+def blocks(*blocks_on: int, size: float = 1.0) -> event_blocks.Blocks:
+    """A run of 30 blocks of 10 s in which a force of so much acted; what one block does is seen in the next, too."""
+    count, acts = 30, np.zeros(30)
+    acts[list(blocks_on)] = size
+    seen = np.eye(count) + 0.5 * np.eye(count, k=1)
+    gram = 40.0 * seen @ seen.T
+    return event_blocks.Blocks(10.0 * np.arange(count + 1), (gram @ acts)[None], gram[None], (0.7, 1.4))
+
+
+@pytest.mark.parametrize("first, second", [((2, 8), (18, 26)), ((4, 10), (12, 20)), ((3, 7), (11, 16))])
+def test_two_intervals_are_found_together_where_one_over_both_says_more_than_either(first, second):
+    """Times that are no edges of the coarse pairs are found by moving each."""
+    run = blocks(*range(*first), *range(*second))
+    weight, sets = windows._sets_of_times(run, 0, SideForce(SHIP), 0.0)
+    assert sets[2] == tuple((10.0 * start, 10.0 * end) for start, end in (first, second))
+    weaker, _ = windows._sets_of_times(blocks(*range(*first), *range(*second), size=0.5), 0, SideForce(SHIP), 0.0)
+    acting = run.intervals(False, 0.0).share_of(sets[2])
+    assert weight == approx(float(0.5 * acting @ run.gram[0] @ acting), rel=0.15) and weaker < 0.5 * weight
+
+
+def test_sizes_of_an_event_are_tried_by_factors_of_two_up_to_what_is_possible():
     (force,) = [p for p in SideForce.declared if p.name == "force_kN"]
     grid = np.unique(windows._grid(SideForce(SHIP))[:, SideForce.declared.index(force)])
     sizes = grid[grid > 0]
     starts = np.abs(force.starts)
-    assert sizes[0] == approx(starts.min() / 4) and sizes[-1] == approx(min(4 * starts.max(), force.high))
+    assert sizes[0] == approx(starts.min() / 4) and sizes[-1] == approx(force.high)
     assert (sizes[1:] / sizes[:-1] < 2.2).all() and (sizes[1:-1] / sizes[:-2] > 1.8).all()
     assert not np.isinf(windows._grid(WindOnset(SHIP))[:, 0]).any()
 
@@ -160,7 +181,7 @@ def test_times_that_explain_far_less_before_they_are_fitted_are_not_fitted(monke
     score = {50.0: 0.0, 250.0: -deficit}
     monkeypatch.setattr(windows, "block_columns", lambda *_: None)
     monkeypatch.setattr(windows, "in_blocks", lambda *_: [None])
-    monkeypatch.setattr(windows, "_sets_of_times", lambda *_, every: [(), ((250.0, 300.0),)])
+    monkeypatch.setattr(windows, "_sets_of_times", lambda *_, every: (0.0, [(), ((250.0, 300.0),)]))
     monkeypatch.setattr(windows, "_score", lambda _, h, *at: score[times_of(force, h.values[0][0])[0][0]])
     likelihood = Mock(spec=MarginalLikelihood, data_set=None, improve=lambda h, *at, rounds: fits.append(h) or (h, 0.0))
     assert replaced(likelihood, there, 0, 0) is there and bool(fits) is tried

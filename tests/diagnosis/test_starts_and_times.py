@@ -11,6 +11,7 @@ from test_hypotheses_judged import hypothesis
 from trials import SHIP
 
 from manoeuvre_nn.diagnosis import fits, windows
+from manoeuvre_nn.diagnosis.event_blocks import Intervals
 from manoeuvre_nn.effect.local import SideForce, Tow
 from manoeuvre_nn.effect.propulsion import ThrustLoss
 from manoeuvre_nn.effect.rudder import RudderOffset
@@ -82,15 +83,14 @@ class Told:
     """A run in three intervals, each row of values with the log Bayes factor of its own."""
 
     def __init__(self, gains: np.ndarray) -> None:
-        self.gains = gains
+        self.right, self.gram = gains[:, None] * np.array([0.01, 1.0, 0.02]), np.zeros((len(gains), 3, 3))
+        self.edges, self.scales = np.array([0.0, 40.0, 100.0, 140.0, 200.0, 240.0]), (1.0, 1.0)
 
-    def intervals(self, may_last: bool, ramp: float) -> SimpleNamespace:
-        times = np.array([[0.0, 40.0], [100.0, 140.0], [200.0, 240.0]])
-        return SimpleNamespace(times=times, shares=np.eye(3), prior=np.zeros(3))
+    def intervals(self, may_last: bool, ramp: float) -> Intervals:
+        return Intervals(self.edges.reshape(3, 2), np.eye(3), np.zeros(3))
 
     def ratios(self, row: int | slice, shares: np.ndarray, there: np.ndarray | None = None) -> np.ndarray:
-        gains = self.gains[row][..., None] * np.array([0.01, 1.0, 0.02])
-        return gains @ shares.T - (0.0 if there is None else 1e9 * (shares @ there))
+        return self.right[row] @ shares.T - (0.0 if there is None else 1e9 * (shares @ there))
 
 
 def test_a_fit_of_an_event_begins_at_its_three_best_directions_and_levers_each_at_its_best_size(monkeypatch):
@@ -116,7 +116,7 @@ def offered(monkeypatch, times, gain: float) -> tuple[list[Hypothesis], bool]:
     there, fitted = Hypothesis((force,), (force.values.numpy()[None],)), []
     monkeypatch.setattr(windows, "block_columns", lambda *_: None)
     monkeypatch.setattr(windows, "in_blocks", lambda *_: [None])
-    monkeypatch.setattr(windows, "_sets_of_times", lambda *_, every: [(times,)])
+    monkeypatch.setattr(windows, "_sets_of_times", lambda *_, every: (0.0, [(times,)]))
     monkeypatch.setattr(
         windows, "_score", lambda _, h, *at: 0.0 if windows.times_of(force, h.values[0][0])[0][0] == 50.0 else gain
     )

@@ -118,6 +118,11 @@ class Intervals:
     shares: Float[np.ndarray, "m count"]
     prior: Float[np.ndarray, " m"]
 
+    def share_of(self, times: Times) -> Float[np.ndarray, " count"]:
+        """Share of the event that acts in each block in several of the intervals."""
+        each = [self.shares[int((self.times == interval).all(axis=1).argmax())] for interval in times]
+        return sum(each, np.zeros(self.shares.shape[1]))
+
 
 def in_blocks(
     likelihood: MarginalLikelihood, cuts: Sequence[BlockColumns], noise: tuple[int, int], given: Hypothesis | None

@@ -31,14 +31,15 @@ from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 
 MAX_INTERVALS = len(NUMBER_OF_INTERVALS) - 1
 """Times that an event happens in a run, at most."""
-BEYOND_STARTS = 4.0
-"""By how much sizes that are tried go beyond the starts of an event."""
+BELOW_STARTS, BEYOND_USUAL = 4.0, 100.0
+"""By how much the least size that is tried is below the starts of an event; the largest is what is possible at sea, on
+models that many times what is usual."""
 MAX_STARTS = 3
 """Starts of an event that a fit is made from."""
 SAME_TIME = 15.0
 """Difference of times below which two sets of times lead to one fit [s]."""
-MIN_GAIN = 0.5
-"""Log evidence that other times must gain."""
+MIN_GAIN, MAX_SWEEPS = 0.5, 4
+"""Log evidence that other times must gain; how often each of several intervals is moved for that at most."""
 MAX_DEFICIT = 20.0
 """Log evidence by which other times may lie behind before they are fitted: of a thousand, one in a hundred wins."""
 
@@ -76,17 +77,25 @@ class EventGrid:
             each = np.array([_evidence(b, slice(None), b.intervals(_may_last(effect), long)) for b in blocks])
             total = np.logaddexp(seldom, once + each).sum(axis=0)
             found += [(float(total[k]), k, long) for k in range(len(rows))]
+        found.sort(reverse=True)
+        # As often as it happens in a run its size suits all its times: one interval for two short ones is too weak.
+        of_size: dict[tuple[float, ...], tuple[int, float]] = {}
+        sizes = [j for j, p in enumerate(effect.declared) if p.null is not None and not p.is_time]
+        for _, k, long in found:
+            of_size.setdefault((*rows[k, sizes], long), (k, long))
+        often = {(k, long): [_sets_of_times(b, k, effect, long) for b in blocks] for k, long in of_size.values()}
+        best_first = sorted(often, key=lambda at: -sum(weight for weight, _ in often[at]))
         seen: set[tuple[float, ...]] = set()
         where = [j for j, p in enumerate(effect.declared) if p.null is None and not p.is_time]
-        for _, k, long in sorted(found, reverse=True):
+        for k, long in (*best_first, *((k, long) for _, k, long in found)):
             key = tuple(rows[k, where])
             if key in seen or len(seen) == MAX_STARTS:
                 continue
             seen.add(key)
             values = np.tile(rows[k], (len(blocks), 1))
             values[:, ramp] = long
-            sets = [_sets_of_times(b, k, effect, long) for b in blocks]
-            chosen = [s[-1] if len(s) > 1 else () for s in sets]
+            sets = often.get((k, long)) or [_sets_of_times(b, k, effect, long) for b in blocks]
+            chosen = [s[-1] if len(s) > 1 else () for _, s in sets]
             if not any(chosen):
                 gates = [b.intervals(_may_last(effect), long) for b in blocks]
                 best = int(np.argmax([_evidence(b, k, g) for b, g in zip(blocks, gates, strict=True)]))
@@ -116,7 +125,7 @@ def replaced(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int,
         cuts = [block_columns(likelihood.data_set, run, effect, row[None]) for run, row in enumerate(best.values[k])]
         blocks = in_blocks(likelihood, cuts, (level, scatter), given if given.effects else None)
         ramp = _ramp(effect, best.values[k][0])
-        sets = [_sets_of_times(b, 0, effect, ramp, every=True) for b in blocks]
+        sets = [_sets_of_times(b, 0, effect, ramp, every=True)[1] for b in blocks]
         # All runs at once first: as long as others lack theirs, coefficients that suit these speak against any.
         trials = [dict(enumerate(of_run[-1] for of_run in sets))]
         trials += [{run: times} for run, of_run in enumerate(sets) for times in of_run]
@@ -197,7 +206,8 @@ def _grid(effect: Effect) -> Float[np.ndarray, "k p"]:
         elif p.null is None:
             axes.append(list(p.starts))
         else:
-            low, high = np.abs(p.starts).min() / BEYOND_STARTS, np.abs(p.starts).max() * BEYOND_STARTS
+            low = np.abs(p.starts).min() / BELOW_STARTS
+            high = min(max(abs(p.low), abs(p.high)), BEYOND_USUAL * p.spread)
             sizes = np.geomspace(low, high, 1 + round(float(np.log2(high / low))))
             axes.append([
                 float(np.clip(s * size, p.low, p.high)) for s in sorted({*np.sign(p.starts)}) for size in sizes
@@ -217,28 +227,79 @@ def _best(blocks: Blocks, row: int, gates: Intervals) -> Times:
     return ((start, end),)
 
 
-def _sets_of_times(b: Blocks, row: int, effect: Effect, ramp: float, every: bool = False) -> list[Times]:
-    """None, one, then more intervals as long as another one is worth its prior; with ``every``, once at least."""
+def _sets_of_times(b: Blocks, row: int, effect: Effect, ramp: float, every: bool = False) -> tuple[float, list[Times]]:
+    """None, one, then more intervals as long as another one is worth its prior; with ``every``, once at least.
+
+    Returns:
+        Log Bayes factor of the last of them against none, and all of them.
+    """
     gates, most = b.intervals(_may_last(effect), ramp), min(len(effect.timed) // 2, MAX_INTERVALS)
-    found: list[Times] = [()]
-    there = np.zeros(gates.shares.shape[1])
+    found, known, choice = list[Times]([()]), 0.0, 0.0
     for number in range(1, most + 1):
-        more = []
+        there, more = gates.share_of(found[-1]), []
         for sign, allowed in _allowed(gates, found[-1]):
             if allowed.any():
                 gain = b.ratios(row, sign * gates.shares[allowed], there if number > 1 else None) + gates.prior[allowed]
                 k = int(gain.argmax())
-                more.append((float(logsumexp(gain)), sign, gates.times[allowed][k], gates.shares[allowed][k]))
+                # Of all that might be one more, beside the likeliest of them.
+                others = float(logsumexp(gain) - gain[k] + gates.prior[allowed][k])
+                start, end = gates.times[allowed][k].tolist()
+                more.append((float(gain[k]), others, _with(found[-1], (start, end), sign)))
         if not more:
             break
-        gain, sign, times, share = max(more, key=lambda m: m[0])
+        _, others, times = max(more, key=lambda m: m[0] + m[1])
+        trials = [(choice + others, times), *([_pair(b, row, gates)] if number == 2 else [])]
+        if number > 1:
+            trials = [(chosen, _each_moved(b, row, gates, several)) for chosen, several in trials]
+        gains = [chosen + b.ratios(row, gates.share_of(several)[None])[0] - known for chosen, several in trials]
+        gain, (chosen, times) = max(zip(gains, trials, strict=True), key=lambda one: one[0])
         cost = np.log(NUMBER_OF_INTERVALS[number - 1] / NUMBER_OF_INTERVALS[number])
         # A run that says nothing has no event, whatever is usual.
         if gain < max(cost, 0.0) and not (every and number == 1 and gain > 0):
             break
-        there = there + sign * share
-        found.append(_with(found[-1], (float(times[0]), float(times[1])), sign))
-    return found
+        known, choice = known + gain, chosen
+        found.append(times)
+    return float(known + np.log(NUMBER_OF_INTERVALS[len(found) - 1] / NUMBER_OF_INTERVALS[0])), found
+
+
+def _pair(b: Blocks, row: int, gates: Intervals) -> tuple[float, Times]:
+    """Two intervals that together say most, among every second edge of the blocks.
+
+    One that says most alone is a bad guess of where each of two is.
+
+    Returns:
+        Log of what any two say over what these do; the two, none where no two are far enough apart.
+    """
+    few = np.isin(gates.times, np.append(b.edges[::2], np.inf)).all(axis=1)
+    times, shares = gates.times[few], gates.shares[few]
+    power, right = shares @ b.gram[row] @ shares.T, shares @ b.right[row]
+    i, j = np.nonzero(times[:, 1, None] + MIN_BLOCKS * BLOCK <= times[:, 0])
+    if not len(i):
+        return 0.0, ()
+    a, pull = power[i, i] + power[j, j] + 2 * power[i, j], right[i] + right[j]
+    s = np.clip(pull / (a + 1e-9), *b.scales)
+    gain = s * pull - 0.5 * s**2 * a
+    k = int(gain.argmax())
+    (start, end), (again, last) = times[i[k]].tolist(), times[j[k]].tolist()
+    return float(logsumexp(gain) - gain[k] - np.log(len(gain))), ((start, end), (again, last))
+
+
+def _each_moved(b: Blocks, row: int, gates: Intervals, times: Times) -> Times:
+    """Several intervals, each moved to where it says most beside the others, as long as that says more."""
+    for _ in range(MAX_SWEEPS * len(times)):
+        best, moved = MIN_GAIN, times
+        for k, one in enumerate(times):
+            others = times[:k] + times[k + 1 :]
+            (_, allowed), *_ = _allowed(gates, others)
+            gain = b.ratios(row, gates.shares[allowed], gates.share_of(others)) + gates.prior[allowed]
+            now = (gates.times[allowed] == one).all(axis=1)
+            if now.any() and gain.max() - gain[now][0] > best:
+                best, (start, end) = gain.max() - gain[now][0], gates.times[allowed][int(gain.argmax())].tolist()
+                moved = tuple(sorted((*others, (start, end))))
+        if moved == times:
+            break
+        times = moved
+    return times
 
 
 def _allowed(gates: Intervals, there: Times) -> Iterator[tuple[float, Bool[np.ndarray, " m"]]]:

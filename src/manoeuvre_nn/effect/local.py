@@ -14,7 +14,8 @@ FAMILY = "local force"
 KILO = 1000.0
 OF_MIDSHIP = ("forward of midship", "aft of midship")
 FORCE = Parameter("force_kN", "kN", -20000.0, 20000.0, 0.0, 250.0, (100.0, -100.0), sides=ACROSS)
-LEVER = Parameter("lever_m", "m", -0.6, 0.6, None, 0.3, (0.0, 0.3, -0.3), within="length", sides=OF_MIDSHIP)
+LEVER_STARTS = (0.0, 0.15, -0.15, 0.3, -0.3)
+LEVER = Parameter("lever_m", "m", -0.6, 0.6, None, 0.3, LEVER_STARTS, within="length", sides=OF_MIDSHIP)
 TIMES = (*several(3), RAMP)
 
 
