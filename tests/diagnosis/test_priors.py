@@ -208,18 +208,21 @@ def test_each_campaign_has_its_own_wind_and_the_same_coefficients():
 
 @pytest.mark.slow
 def test_scatter_is_that_of_the_printed_coefficients_where_no_term_is_missing():
-    """Coefficients 8 % off in one ship, exact in another that lacks terms: the prior says which of them is wrong."""
+    """Coefficients 8 % off in some ships, exact in others that lack terms: the prior says which of them are wrong."""
     names, errors = Corrections(CALM).names, np.random.default_rng(4)
     printed = np.array(["+" not in n and not n.startswith("M") for n in names])
     added = np.array(["+" in n for n in names])
-    chosen = {}
-    for what, off in (("printed", 0.08 * printed), ("missing", 0.08 * added)):
+    chosen: dict[str, list[tuple[float, float]]] = {"printed": [], "missing": []}
+    for what, off in 3 * [("printed", 0.08 * printed), ("missing", 0.08 * added)]:
         ship = Calibrated(CALM, torch.tensor(off * errors.standard_normal(len(names))))
         with unchecked():
             tracks = roll_out(Vessel(ship), [CIRCLE, ZIGZAG], step=1.0)
         data_set = whitened_data_set(CALM, [run_of(track, NOISE) for track in tracks])
         likely = with_likely_coefficient_prior(data_set, MarginalLikelihood(data_set).evaluate(NONE))
         scatter = COEFFICIENT_SD_LEVELS[MarginalLikelihood(likely).evaluate(NONE).best[1]]
-        chosen[what] = (likely.coefficient_prior.missing, scatter)
-    assert chosen["printed"][0] < 1.0 and 0.04 < chosen["printed"][1] < 0.12
-    assert chosen["missing"][0] > 1.0
+        chosen[what].append((likely.coefficient_prior.missing, scatter))
+    assert all(missing < 1.0 for missing, _ in chosen["printed"])
+    assert 0.04 < sorted(scatter for _, scatter in chosen["printed"])[1] < 0.12
+    # Where errors of what is printed are as likely to do it, terms that are missing need not be larger than these.
+    missing = sorted(missing for missing, _ in chosen["missing"])
+    assert missing[0] >= 1.0 and missing[1] > 1.0
