@@ -1,5 +1,6 @@
 """When events may act: intervals of blocks, what they gain, and the sizes and courses that are tried."""
 
+from itertools import pairwise
 from unittest.mock import Mock
 
 import numpy as np
@@ -131,13 +132,13 @@ def test_times_less_than_a_quarter_of_a_minute_apart_lead_to_one_fit(other, alik
     assert windows._alike(((10.0, np.inf),), ((24.0, np.inf),)) and windows._alike((), ())
 
 
-def blocks(*blocks_on: int, size: float = 1.0) -> event_blocks.Blocks:
-    """A run of 30 blocks of 10 s in which a force of so much acted; what one block does is seen in the next, too."""
+def blocks(*blocks_on: int, size: float = 1.0, length: float = 10.0) -> event_blocks.Blocks:
+    """A run of 30 blocks in which a force of so much acted; what one block does is seen in the next, too."""
     count, acts = 30, np.zeros(30)
     acts[list(blocks_on)] = size
     seen = np.eye(count) + 0.5 * np.eye(count, k=1)
     gram = 40.0 * seen @ seen.T
-    return event_blocks.Blocks(10.0 * np.arange(count + 1), (gram @ acts)[None], gram[None], (0.7, 1.4))
+    return event_blocks.Blocks(length * np.arange(count + 1), (gram @ acts)[None], gram[None], (0.7, 1.4))
 
 
 @pytest.mark.parametrize("first, second", [((2, 8), (18, 26)), ((4, 10), (12, 20)), ((3, 7), (11, 16))])
@@ -149,6 +150,16 @@ def test_two_intervals_are_found_together_where_one_over_both_says_more_than_eit
     weaker, _ = windows._sets_of_times(blocks(*range(*first), *range(*second), size=0.5), 0, SideForce(SHIP), 0.0)
     acting = run.intervals(False, 0.0).share_of(sets[2])
     assert weight == approx(float(0.5 * acting @ run.gram[0] @ acting), rel=0.15) and weaker < 0.5 * weight
+
+
+@pytest.mark.parametrize("on", [(3, 4, 5, 7, 8, 9), (*range(4, 12), *range(13, 20), *range(21, 27))])
+def test_pieces_of_an_interval_in_a_long_run_are_as_long_as_any(on):
+    """Blocks of 25 s: a hole of one is none, and a piece of one would not be among the intervals."""
+    run = blocks(*on, length=25.0)
+    _, sets = windows._sets_of_times(run, 0, SideForce(SHIP), 0.0)
+    known = {tuple(times) for times in run.intervals(False, 0.0).times.tolist()}
+    assert len(sets) > 1 and all(set(times) <= known for times in sets)
+    assert all(later[0] - sooner[1] >= 50.0 for times in sets for sooner, later in pairwise(times))
 
 
 def test_sizes_of_an_event_are_tried_by_factors_of_two_up_to_what_is_possible():

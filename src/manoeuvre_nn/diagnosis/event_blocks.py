@@ -118,6 +118,11 @@ class Intervals:
     shares: Float[np.ndarray, "m count"]
     prior: Float[np.ndarray, " m"]
 
+    @property
+    def gap(self) -> float:
+        """Least time between two, and on either side of a hole: that of the shortest interval [s]."""
+        return max(MIN_BLOCKS * BLOCK, float(np.ptp(self.times, axis=1).min()))
+
     def share_of(self, times: Times) -> Float[np.ndarray, " count"]:
         """Share of the event that acts in each block in several of the intervals."""
         each = [self.shares[int((self.times == interval).all(axis=1).argmax())] for interval in times]

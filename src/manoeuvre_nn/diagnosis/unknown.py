@@ -194,10 +194,8 @@ def receiver_wander(
     recorded = any(p.linearised.present[:, :2].any() for p in data_set.runs)
     if is_fitted(data_set.dynamics) or not recorded or spacing > LONGEST_KNOT_S or cells > MAX_CELLS:
         return ReceiverWander(0.0, WANDER_TIMES_S[0], -np.inf)
-    prior, base = (
-        log_prior_levels(data_set, None if loose else PROCESS_PRIOR)[:, :levels],
-        [p.base for p in data_set.runs],
-    )
+    prior = log_prior_levels(data_set, None if loose else PROCESS_PRIOR)[:, :levels]
+    base = [p.base for p in data_set.runs]
     if fitted.names:
         added = hypothesis_columns(data_set, fitted.hypothesis).columns
         base = [joined([b[:1] - c[:1], b[1:]]) for b, c in zip(base, added, strict=True)]

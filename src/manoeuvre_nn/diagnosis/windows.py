@@ -15,9 +15,7 @@ from scipy.special import logsumexp
 from manoeuvre_nn.core.effect import Effect
 from manoeuvre_nn.core.recording import Recording
 from manoeuvre_nn.diagnosis.event_blocks import (
-    BLOCK,
     LONG_RAMPS,
-    MIN_BLOCKS,
     Blocks,
     Intervals,
     Times,
@@ -32,8 +30,8 @@ from manoeuvre_nn.estimation.marginal_likelihood import MarginalLikelihood
 MAX_INTERVALS = len(NUMBER_OF_INTERVALS) - 1
 """Times that an event happens in a run, at most."""
 BELOW_STARTS, BEYOND_USUAL = 4.0, 100.0
-"""By how much the least size that is tried is below the starts of an event; the largest is what is possible at sea, on
-models that many times what is usual."""
+"""By how much the least size that is tried is below the starts of an event; the largest is what is possible at sea, and
+at most so many times what is usual."""
 MAX_STARTS = 3
 """Starts of an event that a fit is made from."""
 SAME_TIME = 15.0
@@ -273,7 +271,7 @@ def _pair(b: Blocks, row: int, gates: Intervals) -> tuple[float, Times]:
     few = np.isin(gates.times, np.append(b.edges[::2], np.inf)).all(axis=1)
     times, shares = gates.times[few], gates.shares[few]
     power, right = shares @ b.gram[row] @ shares.T, shares @ b.right[row]
-    i, j = np.nonzero(times[:, 1, None] + MIN_BLOCKS * BLOCK <= times[:, 0])
+    i, j = np.nonzero(times[:, 1, None] + gates.gap <= times[:, 0])
     if not len(i):
         return 0.0, ()
     a, pull = power[i, i] + power[j, j] + 2 * power[i, j], right[i] + right[j]
@@ -304,8 +302,7 @@ def _each_moved(b: Blocks, row: int, gates: Intervals, times: Times) -> Times:
 
 def _allowed(gates: Intervals, there: Times) -> Iterator[tuple[float, Bool[np.ndarray, " m"]]]:
     """Intervals beside those that there are, and holes within them."""
-    start, end = gates.times.T
-    gap = MIN_BLOCKS * BLOCK
+    (start, end), gap = gates.times.T, gates.gap
     yield 1.0, np.all([(end <= s - gap) | (start >= e + gap) for s, e in there] or [start == start], axis=0)
     if there:
         yield -1.0, np.any([(start >= s + gap) & (end <= e - gap) for s, e in there], axis=0)
