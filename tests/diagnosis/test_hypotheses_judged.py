@@ -334,7 +334,7 @@ def test_combining_coefficients_loses_no_evidence_and_can_be_undone():
     g, s = judged.best
     e = few.at(g).white[0].embed(place.base)
     whole = posterior(e.dot(e), 0.0, prior, data, COEFFICIENT_SD_LEVELS, count).mean(s)
-    alone = np.full(judged.by_level.shape, -np.inf)
+    alone = np.full(judged.by_level.shape, -1e3)
     alone[g, s] = 0.0
     at_best = MarginalLikelihood(few).over_levels(NONE, {g: MarginalLikelihood(few).posterior(None, g)}, alone)
     again = np.append(at_best.corrections, at_best.latencies)

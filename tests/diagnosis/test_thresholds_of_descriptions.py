@@ -90,20 +90,24 @@ def test_something_unknown_is_calm_water_with_any_process_noise_and_its_formula_
 
 @pytest.mark.parametrize("gain, axes", [(2.8, (2,)), (3.2, (2, 0))])
 def test_a_random_force_is_judged_over_all_sizes_and_times_that_it_could_have(monkeypatch, gain, axes):
-    """A Gaussian peak of known width where the fit begins: Laplace's method is exact, a third for each equation."""
+    """A Gaussian peak of known width where the fit begins: Laplace's method is exact, a third for each equation.
+
+    Of the noise beside one other size, the next larger in surge, is half as likely.
+    """
     sds, start = np.array([0.2, 0.3]), np.log([0.15, 40.0])
+    beside = {6: 0.0, PROCESS_LEVELS.point(1, 6): np.log(0.5)}
 
-    def evidence(these, x):
+    def evidence(these, x, level=6):
         best = {(2,): 50.0, (2, 0): 50.0 + gain}.get(these, 20.0)
-        return best - 0.5 * float((((x - start) / sds) ** 2).sum())
+        return best - 0.5 * float((((x - start) / sds) ** 2).sum()) + beside.get(level, -50.0)
 
-    process = SimpleNamespace(evidence=evidence, longest=480.0, least=PROCESS_LEVELS.sizes[0])
+    process = SimpleNamespace(evidence=evidence, longest=480.0, least=PROCESS_LEVELS.sizes[0], level=6)
     monkeypatch.setattr(unknown, "_RandomProcess", lambda likelihood, level, scatters: process)
     monkeypatch.setattr(unknown, "process_time", lambda dynamics: 40.0)
     runs = SimpleNamespace(data_set=SimpleNamespace(dynamics=None, levels=PROCESS_LEVELS))
     course = unknown.random_force(runs, fitted(0.0, best=(6, 0)))
     volume = np.log(3.0 / 0.003) * np.log(480.0 / 2.0) * 3
-    assert course.evidence == approx(50.0 + np.log(2 * np.pi * sds.prod() / volume), abs=1e-6)
+    assert course.evidence == approx(50.0 + np.log(1.5 * 2 * np.pi * sds.prod() / volume), abs=1e-6)
     assert course.axes == axes and course.errors == approx(sds) and (course.size, course.time) == approx((0.15, 40.0))
 
 
