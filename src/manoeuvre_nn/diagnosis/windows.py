@@ -67,40 +67,49 @@ class EventGrid:
         Yields:
             Values for every run.
         """
-        effect, rows, ramp = self._effect, self._rows, [p.name == RAMP.name for p in self._effect.declared]
+        effect, rows = self._effect, self._rows
         blocks = in_blocks(self._likelihood, self._cuts, (level, scatter), given)
+        found = self._by_one_interval(blocks)
+        # As often as it happens in a run its size suits all its times: one interval for two short ones is too weak.
+        sizes = [j for j, p in enumerate(effect.declared) if p.null is not None and not p.is_time]
+        of_size: dict[tuple[float, ...], tuple[int, float]] = {}
+        for k, ramp in found:
+            of_size.setdefault((*rows[k, sizes], ramp), (k, ramp))
+        sets = {(k, ramp): [_sets_of_times(b, k, effect, ramp) for b in blocks] for k, ramp in of_size.values()}
+        often = sorted(sets, key=lambda at: -sum(weight for weight, _ in sets[at]))
+        where = [j for j, p in enumerate(effect.declared) if p.null is None and not p.is_time]
+        starts: dict[tuple[float, ...], tuple[int, float]] = {}
+        for k, ramp in (*often, *found):
+            starts.setdefault(tuple(rows[k, where]), (k, ramp))
+        for k, ramp in list(starts.values())[:MAX_STARTS]:
+            of_runs = sets.get((k, ramp)) or [_sets_of_times(b, k, effect, ramp) for b in blocks]
+            yield self._placed(blocks, k, ramp, [of_run[-1] if len(of_run) > 1 else () for _, of_run in of_runs])
+
+    def _by_one_interval(self, blocks: Sequence[Blocks]) -> list[tuple[int, float]]:
+        """Rows of values and ramps by the log evidence of at most one interval in each run, best first."""
+        effect, rows = self._effect, self._rows
+        last = _may_last(effect) and any(p.name == RAMP.name for p in effect.declared)
         seldom, once = np.log(NUMBER_OF_INTERVALS[:2])
         found = []
-        for long in (_ramp(effect, rows[0]), *(LONG_RAMPS if _may_last(effect) and any(ramp) else ())):
-            each = np.array([_evidence(b, slice(None), b.intervals(_may_last(effect), long)) for b in blocks])
+        for ramp in (_ramp(effect, rows[0]), *(LONG_RAMPS if last else ())):
+            each = np.array([_evidence(b, slice(None), b.intervals(_may_last(effect), ramp)) for b in blocks])
             total = np.logaddexp(seldom, once + each).sum(axis=0)
-            found += [(float(total[k]), k, long) for k in range(len(rows))]
-        found.sort(reverse=True)
-        # As often as it happens in a run its size suits all its times: one interval for two short ones is too weak.
-        of_size: dict[tuple[float, ...], tuple[int, float]] = {}
-        sizes = [j for j, p in enumerate(effect.declared) if p.null is not None and not p.is_time]
-        for _, k, long in found:
-            of_size.setdefault((*rows[k, sizes], long), (k, long))
-        often = {(k, long): [_sets_of_times(b, k, effect, long) for b in blocks] for k, long in of_size.values()}
-        best_first = sorted(often, key=lambda at: -sum(weight for weight, _ in often[at]))
-        seen: set[tuple[float, ...]] = set()
-        where = [j for j, p in enumerate(effect.declared) if p.null is None and not p.is_time]
-        for k, long in (*best_first, *((k, long) for _, k, long in found)):
-            key = tuple(rows[k, where])
-            if key in seen or len(seen) == MAX_STARTS:
-                continue
-            seen.add(key)
-            values = np.tile(rows[k], (len(blocks), 1))
-            values[:, ramp] = long
-            sets = often.get((k, long)) or [_sets_of_times(b, k, effect, long) for b in blocks]
-            chosen = [s[-1] if len(s) > 1 else () for _, s in sets]
-            if not any(chosen):
-                gates = [b.intervals(_may_last(effect), long) for b in blocks]
-                best = int(np.argmax([_evidence(b, k, g) for b, g in zip(blocks, gates, strict=True)]))
-                chosen[best] = _best(blocks[best], k, gates[best])
-            for run, times in enumerate(chosen):
-                write_times(effect, values[run], times)
-            yield values
+            found += [(float(total[k]), k, ramp) for k in range(len(rows))]
+        return [(k, ramp) for _, k, ramp in sorted(found, reverse=True)]
+
+    def _placed(
+        self, blocks: Sequence[Blocks], row: int, ramp: float, times: list[Times]
+    ) -> Float[np.ndarray, "runs p"]:
+        """A row of values with a ramp and times in each run; the likeliest interval of all where no run has any."""
+        effect, values = self._effect, np.tile(self._rows[row], (len(blocks), 1))
+        values[:, [p.name == RAMP.name for p in effect.declared]] = ramp
+        if not any(times):
+            gates = [b.intervals(_may_last(effect), ramp) for b in blocks]
+            best = int(np.argmax([_evidence(b, row, g) for b, g in zip(blocks, gates, strict=True)]))
+            times[best] = _best(blocks[best], row, gates[best])
+        for run, of_run in enumerate(times):
+            write_times(effect, values[run], of_run)
+        return values
 
 
 def replaced(likelihood: MarginalLikelihood, hypothesis: Hypothesis, level: int, scatter: int) -> Hypothesis:
@@ -232,32 +241,41 @@ def _sets_of_times(b: Blocks, row: int, effect: Effect, ramp: float, every: bool
         Log Bayes factor of the last of them against none, and all of them.
     """
     gates, most = b.intervals(_may_last(effect), ramp), min(len(effect.timed) // 2, MAX_INTERVALS)
-    found, known, choice = list[Times]([()]), 0.0, 0.0
+    found, known, among = list[Times]([()]), 0.0, 0.0
     for number in range(1, most + 1):
-        there, more = gates.share_of(found[-1]), []
-        for sign, allowed in _allowed(gates, found[-1]):
-            if allowed.any():
-                gain = b.ratios(row, sign * gates.shares[allowed], there if number > 1 else None) + gates.prior[allowed]
-                k = int(gain.argmax())
-                # Of all that might be one more, beside the likeliest of them.
-                others = float(logsumexp(gain) - gain[k] + gates.prior[allowed][k])
-                start, end = gates.times[allowed][k].tolist()
-                more.append((float(gain[k]), others, _with(found[-1], (start, end), sign)))
-        if not more:
+        if not (more := _one_more(b, row, gates, found[-1])):
             break
-        _, others, times = max(more, key=lambda m: m[0] + m[1])
-        trials = [(choice + others, times), *([_pair(b, row, gates)] if number == 2 else [])]
+        trials = [(among + more[0], more[1]), *([_pair(b, row, gates)] if number == 2 else [])]
         if number > 1:
-            trials = [(chosen, _each_moved(b, row, gates, several)) for chosen, several in trials]
-        gains = [chosen + b.ratios(row, gates.share_of(several)[None])[0] - known for chosen, several in trials]
-        gain, (chosen, times) = max(zip(gains, trials, strict=True), key=lambda one: one[0])
+            trials = [(others, _each_moved(b, row, gates, times)) for others, times in trials]
+        weights = [others + b.ratios(row, gates.share_of(times)[None])[0] for others, times in trials]
+        best = int(np.argmax(weights))
+        gain = weights[best] - known
         cost = np.log(NUMBER_OF_INTERVALS[number - 1] / NUMBER_OF_INTERVALS[number])
         # A run that says nothing has no event, whatever is usual.
         if gain < max(cost, 0.0) and not (every and number == 1 and gain > 0):
             break
-        known, choice = known + gain, chosen
+        known, (among, times) = weights[best], trials[best]
         found.append(times)
     return float(known + np.log(NUMBER_OF_INTERVALS[len(found) - 1] / NUMBER_OF_INTERVALS[0])), found
+
+
+def _one_more(b: Blocks, row: int, gates: Intervals, there: Times) -> tuple[float, Times] | None:
+    """The likeliest interval beside others, or the likeliest hole in one of them.
+
+    Returns:
+        Log of what any one more says over what this one does, its prior counted; all intervals with it. None where no
+        room is left.
+    """
+    acts, found = gates.share_of(there) if there else None, []
+    for sign, allowed in _allowed(gates, there):
+        if allowed.any():
+            gain = b.ratios(row, sign * gates.shares[allowed], acts) + gates.prior[allowed]
+            k = int(gain.argmax())
+            others = float(logsumexp(gain) - gain[k] + gates.prior[allowed][k])
+            start, end = gates.times[allowed][k].tolist()
+            found.append((float(gain[k]) + others, others, _with(there, (start, end), sign)))
+    return max(found)[1:] if found else None
 
 
 def _pair(b: Blocks, row: int, gates: Intervals) -> tuple[float, Times]:
