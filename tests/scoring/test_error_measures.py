@@ -100,6 +100,9 @@ def test_overshoots_are_normalised_by_late_speed_spatial_period_and_spans():
     scale = normalisations([run]).loc["zigzag"]
     assert scale["u"] == pytest.approx(4.0, abs=0.01) and scale["x"] == pytest.approx(400.0, rel=0.01)
     assert scale["y"] == pytest.approx(60.0, rel=0.01) and scale["psi"] == pytest.approx(0.4 / DEGREE, rel=0.01)
+    no_track = replace(run, channels={k: c for k, c in run.channels.items() if k not in ("x", "y")})
+    without = normalisations([no_track]).loc["zigzag"]
+    assert np.isnan(without[["x", "y"]]).all() and without["u"] == scale["u"] and without["psi"] == scale["psi"]
 
 
 def test_constant_errors_are_their_size_along_the_approach_and_their_percentage():
@@ -143,6 +146,8 @@ def test_sets_are_averages_over_their_runs_on_the_scale_of_all():
     roll = found.xs("phi", level="variable")
     assert roll["absolute"].to_dict() == pytest.approx({"all": 0.1, "validation": 0.2, "training": 0.05})
     assert (roll["percent"] / roll["absolute"]).to_numpy() == pytest.approx(100 / (8 / 3), rel=1e-3)
+    nobody = error_measures(predictions, runs, {"nobody": []})
+    assert nobody.index.get_level_values("set").unique().tolist() == ["all"] and nobody.equals(found.loc[["all"]])
     with pytest.raises(InputError, match="set validation names d; the runs are: a, b, c"):
         error_measures(predictions, runs, {"validation": ["d"]})
 

@@ -213,3 +213,13 @@ def test_a_response_is_judged_by_records_that_were_not_learnt(errors, linear, wo
 
 def test_of_records_that_are_all_alike_nothing_is_explained():
     assert response_verdict({"testing": 0.0}, {"testing": 0.0}, {"testing": 0.0}, "exact").word == "do not use"
+
+
+@pytest.mark.parametrize("worst, told", [(0.2, True), (0.12, False)])
+def test_of_a_usable_model_a_simpler_one_is_told_from_a_twentieth_of_a_length_in_the_mean_on(worst, told):
+    """Not in the median: one manoeuvre that is off is what a simpler model would mend."""
+    runs = [*RUNS, replace(RUNS[0], name="zz10")]
+    devs = dict(zip([run.name for run in runs], (0.01, 0.01, worst), strict=True))
+    own = [Score(name, "ok", dev, {}) for name, dev in devs.items()]
+    found = model_verdict(own, runs, {"terms": [replace(s, dev_L=s.dev_L / (2 * CLOSER)) for s in own]})
+    assert found.word == "usable" and ("simpler model 'terms'" in found.sentence) == told
