@@ -294,6 +294,9 @@ def test_a_key_that_stands_twice_in_a_yaml_is_refused_with_its_line(tmp_path):
     (tmp_path / "a.yaml").write_text("frame: body\nchannels:\n  u: {column: u, column: v}\n")
     with pytest.raises(InputError, match="a.yaml, line 3 is no valid yaml: column stands twice"):
         load_yaml(tmp_path / "a.yaml")
+    (tmp_path / "c.yaml").write_text("? [u, v]\n: 1\n")
+    with pytest.raises(InputError, match="c.yaml, line 1 is no valid yaml: found unhashable key"):
+        load_yaml(tmp_path / "c.yaml")
     (tmp_path / "b.yaml").write_text("a: &x {b: 1}\nc: {<<: *x, d: 2}\n")
     assert load_yaml(tmp_path / "b.yaml") == {"a": {"b": 1}, "c": {"b": 1, "d": 2}}
 

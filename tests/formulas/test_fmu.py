@@ -22,7 +22,7 @@ from manoeuvre_nn.dynamics.model import CalmWater
 from manoeuvre_nn.dynamics.rollout import roll_out
 from manoeuvre_nn.dynamics.vessel import Vessel
 from manoeuvre_nn.formulas import check, formats, rollouts
-from manoeuvre_nn.formulas.fmu import fmu_bytes, signals_of
+from manoeuvre_nn.formulas.fmu import UNITS, fmu_bytes, signals_of
 from manoeuvre_nn.formulas.formats import write_down
 from manoeuvre_nn.formulas.models import to_program
 from manoeuvre_nn.manoeuvre.zigzag import zigzag
@@ -87,6 +87,14 @@ def started(unit, tmp_path):
 
 def position(one: FMU2Slave, places: dict[str, int]) -> list[float]:
     return one.getReal([places["x"], places["y"], places["psi"]])
+
+
+def test_units_that_are_made_of_others_have_their_dimensions():
+    speed, mass = UNITS["m/s"], {"kg": 1}
+    acceleration = {**speed, "s": speed["s"] - 1}
+    assert UNITS["kN"] == {**mass, **acceleration, "factor": 1000.0}
+    assert UNITS["m/s per hour"] == {**acceleration, "factor": pytest.approx(1 / 3600)}
+    assert UNITS["deg"]["factor"] * 360 == UNITS["rev/min"]["factor"] * 60 == pytest.approx(2 * np.pi)
 
 
 @compiled

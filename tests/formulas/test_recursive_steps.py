@@ -119,7 +119,9 @@ def test_units_are_si_and_the_range_is_that_of_the_training():
     mean, sd = float(network.shift[k]), float(network.scale[k])
     assert [given["r"].low, given["r"].high] == approx(np.array([mean - 2 * sd, mean + 2 * sd]) * p.speed / p.length)
     assert (given["n_port"].unit, given["delta_port"].high) == ("1/s", approx(p.rudder_limit))
-    assert {q.name for q in program.outputs} >= {"dt", "u_next", "phi_next", "psi_next", "lift_port_0", "wind_N_0"}
+    units = {q.name: q.unit for q in program.outputs}
+    assert units.keys() >= {"dt", "u_next", "phi_next", "psi_next", "lift_port_0", "wind_N_0"}
+    assert [units[f"{k}_next"] for k in ("u", "v", "r", "phi", "psi")] == ["m/s", "m/s", "rad/s", "rad", "rad"]
     # A step of .09 L/U takes as long as it does at the speed of the last outputs.
     points = sample(program, 5)
     columns = dict(zip(given, points.T, strict=True))

@@ -73,6 +73,16 @@ def test_the_longitudinal_metacentric_height_is_near_the_published_one():
     assert hull.restoring[2, 2] / (hull.mass[0, 0] * GRAVITY) == approx(204.4, rel=0.05)
 
 
+def test_a_higher_centre_of_gravity_takes_its_height_off_the_metacentric_height():
+    low = panelled(S175, 9.5, 56, 12)
+    high = replace(low, weight_depth=low.weight_depth + 3.0)
+    weight = SEA_WATER * GRAVITY * low.volume
+    assert low.restoring[2, 2] - high.restoring[2, 2] == approx(3.0 * weight)
+    at_buoyancy = replace(low, weight_depth=low.buoyancy[1])  # GM = BM, of the waterplane alone
+    x, plane = low.centre[:, 0] - low.buoyancy[0], -2 * low.directed_area[:, 2]
+    assert at_buoyancy.restoring[2, 2] == approx(SEA_WATER * GRAVITY * np.sum(plane * x**2))
+
+
 @pytest.mark.parametrize(
     "change, message",
     [

@@ -80,6 +80,14 @@ def test_the_container_ship_has_the_accelerations_of_the_printed_equations():
         assert float(own[0]) == p
 
 
+@pytest.mark.parametrize("make", [SHIPS["twin"], naval_vessel])
+def test_two_screws_stand_apart_within_the_breadth_of_the_hull(make):
+    ship = make()
+    starboard, port = ship.drives
+    assert starboard.y == -port.y and starboard.diameter == port.diameter
+    assert starboard.diameter < 2 * starboard.y < ship.particulars.beam - starboard.diameter
+
+
 def test_two_screws_on_the_centre_plane_are_the_single_one():
     single = container()
     p = single.particulars
