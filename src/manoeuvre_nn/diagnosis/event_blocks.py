@@ -99,9 +99,8 @@ class Blocks:
         right, gram = self.right[row], self.gram[row]
         if there is not None:
             right = right - gram @ there
-        b, a = right @ gates.T, ((gates @ gram) * gates).sum(axis=-1) + 1e-9
-        s = np.clip(b / a, *self.scales) if there is None else 1.0
-        return s * b - 0.5 * s**2 * a
+        b, a = right @ gates.T, ((gates @ gram) * gates).sum(axis=-1)
+        return ratio(b, a, self.scales if there is None else (1.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -127,6 +126,23 @@ class Intervals:
         """Share of the event that acts in each block in several of the intervals."""
         each = [self.shares[int((self.times == interval).all(axis=1).argmax())] for interval in times]
         return sum(each, np.zeros(self.shares.shape[1]))
+
+
+def ratio(
+    b: Float[np.ndarray, "*k m"], a: Float[np.ndarray, "*k m"], scales: tuple[float, float]
+) -> Float[np.ndarray, "*k m"]:
+    """Log likelihood ratio ``s b - 1/2 s^2 a`` of an event of inner products b with the data and a with itself.
+
+    Args:
+        b: With the data.
+        a: With itself.
+        scales: Least and largest s, by which its size may differ.
+
+    Returns:
+        At the likeliest s.
+    """
+    s = np.clip(b / (a + 1e-9), *scales)
+    return s * b - 0.5 * s**2 * a
 
 
 def in_blocks(

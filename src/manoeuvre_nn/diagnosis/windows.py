@@ -21,6 +21,7 @@ from manoeuvre_nn.diagnosis.event_blocks import (
     Times,
     block_columns,
     in_blocks,
+    ratio,
     write_times,
 )
 from manoeuvre_nn.effect.common import RAMP
@@ -88,10 +89,10 @@ class EventGrid:
     def _by_one_interval(self, blocks: Sequence[Blocks]) -> list[tuple[int, float]]:
         """Rows of values and ramps by the log evidence of at most one interval in each run, best first."""
         effect, rows = self._effect, self._rows
-        last = _may_last(effect) and any(p.name == RAMP.name for p in effect.declared)
+        long = LONG_RAMPS if _may_last(effect) and any(p.name == RAMP.name for p in effect.declared) else ()
         seldom, once = np.log(NUMBER_OF_INTERVALS[:2])
         found = []
-        for ramp in (_ramp(effect, rows[0]), *(LONG_RAMPS if last else ())):
+        for ramp in (_ramp(effect, rows[0]), *long):
             each = np.array([_evidence(b, slice(None), b.intervals(_may_last(effect), ramp)) for b in blocks])
             total = np.logaddexp(seldom, once + each).sum(axis=0)
             found += [(float(total[k]), k, ramp) for k in range(len(rows))]
@@ -106,7 +107,7 @@ class EventGrid:
         if not any(times):
             gates = [b.intervals(_may_last(effect), ramp) for b in blocks]
             best = int(np.argmax([_evidence(b, row, g) for b, g in zip(blocks, gates, strict=True)]))
-            times[best] = _best(blocks[best], row, gates[best])
+            _, times[best] = _one_more(blocks[best], row, gates[best], ())
         for run, of_run in enumerate(times):
             write_times(effect, values[run], of_run)
         return values
@@ -227,13 +228,6 @@ def _evidence(blocks: Blocks, row: int | slice, gates: Intervals) -> Float[np.nd
     return logsumexp(blocks.ratios(row, gates.shares) + gates.prior, axis=-1)
 
 
-def _best(blocks: Blocks, row: int, gates: Intervals) -> Times:
-    """The one interval that explains most."""
-    k = int((blocks.ratios(row, gates.shares) + gates.prior).argmax())
-    start, end = gates.times[k].tolist()
-    return ((start, end),)
-
-
 def _sets_of_times(b: Blocks, row: int, effect: Effect, ramp: float, every: bool = False) -> tuple[float, list[Times]]:
     """None, one, then more intervals as long as another one is worth its prior; with ``every``, once at least.
 
@@ -243,9 +237,10 @@ def _sets_of_times(b: Blocks, row: int, effect: Effect, ramp: float, every: bool
     gates, most = b.intervals(_may_last(effect), ramp), min(len(effect.timed) // 2, MAX_INTERVALS)
     found, known, among = list[Times]([()]), 0.0, 0.0
     for number in range(1, most + 1):
-        if not (more := _one_more(b, row, gates, found[-1])):
+        others, times = _one_more(b, row, gates, found[-1])
+        if times == found[-1]:
             break
-        trials = [(among + more[0], more[1]), *([_pair(b, row, gates)] if number == 2 else [])]
+        trials = [(among + others, times), *([_pair(b, row, gates)] if number == 2 else [])]
         if number > 1:
             trials = [(others, _each_moved(b, row, gates, times)) for others, times in trials]
         weights = [others + b.ratios(row, gates.share_of(times)[None])[0] for others, times in trials]
@@ -260,12 +255,12 @@ def _sets_of_times(b: Blocks, row: int, effect: Effect, ramp: float, every: bool
     return float(known + np.log(NUMBER_OF_INTERVALS[len(found) - 1] / NUMBER_OF_INTERVALS[0])), found
 
 
-def _one_more(b: Blocks, row: int, gates: Intervals, there: Times) -> tuple[float, Times] | None:
+def _one_more(b: Blocks, row: int, gates: Intervals, there: Times) -> tuple[float, Times]:
     """The likeliest interval beside others, or the likeliest hole in one of them.
 
     Returns:
-        Log of what any one more says over what this one does, its prior counted; all intervals with it. None where no
-        room is left.
+        Log of what any one more says over what this one does, its prior counted; all intervals with it, or those
+        that there are where no room is left.
     """
     acts, found = gates.share_of(there) if there else None, []
     for sign, allowed in _allowed(gates, there):
@@ -275,7 +270,7 @@ def _one_more(b: Blocks, row: int, gates: Intervals, there: Times) -> tuple[floa
             others = float(logsumexp(gain) - gain[k] + gates.prior[allowed][k])
             start, end = gates.times[allowed][k].tolist()
             found.append((float(gain[k]) + others, others, _with(there, (start, end), sign)))
-    return max(found)[1:] if found else None
+    return max(found)[1:] if found else (0.0, there)
 
 
 def _pair(b: Blocks, row: int, gates: Intervals) -> tuple[float, Times]:
@@ -293,8 +288,7 @@ def _pair(b: Blocks, row: int, gates: Intervals) -> tuple[float, Times]:
     if not len(i):
         return 0.0, ()
     a, pull = power[i, i] + power[j, j] + 2 * power[i, j], right[i] + right[j]
-    s = np.clip(pull / (a + 1e-9), *b.scales)
-    gain = s * pull - 0.5 * s**2 * a
+    gain = ratio(pull, a, b.scales)
     k = int(gain.argmax())
     (start, end), (again, last) = times[i[k]].tolist(), times[j[k]].tolist()
     return float(logsumexp(gain) - gain[k] - np.log(len(gain))), ((start, end), (again, last))
